@@ -1,0 +1,35 @@
+"""A progress bar for a fit."""
+
+from __future__ import annotations
+
+import sys
+
+from rich.console import Console
+from rich.progress import Progress as Bar
+
+from kfit.core import Callback, FitResult, FitState
+
+
+class Progress(Callback):
+    """Shows steps, rows left and the lowest energy on stderr; silent where stderr is no terminal."""
+
+    def __init__(self) -> None:
+        self._bar: Bar | None = None
+
+    def on_start(self, state: FitState) -> None:
+        console = Console(file=sys.stderr)
+        self._bar = Bar(console=console, transient=True, disable=not console.is_terminal)
+        self._task = self._bar.add_task("fitting", total=state.num_steps + 1)
+        self._bar.start()
+
+    def on_step(self, state: FitState) -> FitState:
+        if self._bar is not None and len(state.energy):
+            told = f"fitting · {len(state.energy)} starts · energy {float(state.best_energy.min()):.4g}"
+            self._bar.update(self._task, advance=1, description=told)
+            if state.step == state.num_steps:
+                self._bar.stop()
+        return state
+
+    def on_end(self, result: FitResult) -> None:
+        if self._bar is not None:
+            self._bar.stop()

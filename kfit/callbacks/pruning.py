@@ -1,0 +1,36 @@
+"""Dropping the starts that are unlikely to win."""
+
+from __future__ import annotations
+
+import torch
+
+from kfit.core import Callback, FitState
+
+
+class Pruning(Callback):
+    """Keeps, at given steps, only the best starts of each problem (successive halving, Jamieson and Talwalkar 2016).
+
+    A survivor walks the path that it would have walked without pruning.
+
+    Args:
+        keep: step → number of starts that survive it, judged by best-so-far energy.
+
+    Raises:
+        ValueError: for a count below 1.
+    """
+
+    def __init__(self, keep: dict[int, int]) -> None:
+        for step, count in keep.items():
+            if count < 1 or step < 0:
+                raise ValueError(f"Pruning: keep must map steps ≥ 0 to counts ≥ 1, got {step}: {count}")
+        self.keep = keep
+
+    def on_step(self, state: FitState) -> FitState:
+        if state.step not in self.keep:
+            return state
+        by_energy = state.best_energy.argsort(stable=True)
+        order = by_energy[state.problem[by_energy].argsort(stable=True)]
+        counts = torch.bincount(state.problem)
+        rank = torch.arange(len(order), device=order.device) - (counts.cumsum(0) - counts)[state.problem[order]]
+        survivors = order[rank < self.keep[state.step]]
+        return state.keep(survivors.sort().values)

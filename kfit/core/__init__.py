@@ -1,0 +1,49 @@
+"""Contracts and plain values; imports torch alone."""
+
+from kfit.core.check import FitError
+from kfit.core.contracts import (
+    Callback,
+    Encoder,
+    Energy,
+    Evaluate,
+    Evaluation,
+    Generator,
+    Initializer,
+    Optimizer,
+    Prior,
+    ResidualEnergy,
+    Schedule,
+    Selector,
+)
+from kfit.core.frozen import frozen
+from kfit.core.state import FitResult, FitState, History, Observation, Rendering
+from kfit.core.variables import Angle, Bounded, Positive, Real, Space, Variable, Variables
+
+__all__ = [
+    "Angle",
+    "Bounded",
+    "Callback",
+    "Encoder",
+    "Energy",
+    "Evaluate",
+    "Evaluation",
+    "FitError",
+    "FitResult",
+    "FitState",
+    "Generator",
+    "History",
+    "Initializer",
+    "Observation",
+    "Optimizer",
+    "Positive",
+    "Prior",
+    "Real",
+    "Rendering",
+    "ResidualEnergy",
+    "Schedule",
+    "Selector",
+    "Space",
+    "Variable",
+    "Variables",
+    "frozen",
+]

@@ -1,0 +1,223 @@
+"""The contracts: read this file and you know the design.
+
+A *generator* draws a picture from named variables. An *energy* says how badly the picture explains an observation.
+*Initializers* propose starts, an *optimizer* moves them, a *selector* picks the winner, *callbacks* look on; a
+`kfit.FitPipeline` holds them together. A fit holds N **rows**, each one start of one problem, and nothing here minds
+how many rows a problem has.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, Protocol
+
+import torch
+from torch import Tensor, nn
+
+from kfit.core.check import check_names
+from kfit.core.state import FitResult, FitState, Observation, Rendering
+from kfit.core.variables import Variable, Variables
+
+Need = Literal["value", "gradient", "residuals"]
+
+
+class Generator(nn.Module, ABC):
+    """Draws pictures from named variables.
+
+    Attributes:
+        variables: what it can be asked to explain, by name.
+    """
+
+    variables: Mapping[str, Variable]
+
+    @abstractmethod
+    def forward(self, **values: Tensor) -> Rendering:
+        """Draw N pictures; each value is (N, \\*shape), all rows independent of one another."""
+
+    def bind(self, **fixed: Tensor) -> Generator:
+        """The same generator with some variables held at one value (\\*shape) for all rows.
+
+        A generator for which holding a variable saves work overrides this.
+
+        Raises:
+            ValueError: for a name that is no variable of this generator.
+        """
+        return _Bound(self, fixed)
+
+
+class _Bound(Generator):
+    def __init__(self, generator: Generator, fixed: Variables) -> None:
+        super().__init__()
+        check_names("bind", fixed, generator.variables)
+        self.generator, self.fixed = generator, fixed
+        self.variables = {k: v for k, v in generator.variables.items() if k not in fixed}
+
+    def forward(self, **values: Tensor) -> Rendering:
+        rows = next(iter(values.values())).shape[0] if values else 1
+        held = {k: v.expand(rows, *v.shape) for k, v in self.fixed.items()}
+        rendering: Rendering = self.generator(**values, **held)
+        return rendering
+
+
+class Encoder(nn.Module, ABC):
+    """Looks at pictures and says which codes could have drawn them."""
+
+    @abstractmethod
+    def forward(self, image: Tensor) -> tuple[Tensor, Tensor]:
+        """Mean and log-variance (N, D) of a Gaussian over the code, from RGB (N, 3, S, S) in [0, 1] on white."""
+
+
+class Energy(nn.Module, ABC):
+    """How badly a prediction explains a target: one number a row, lower is better.
+
+    Compares two tensors, so it serves any task and needs no pipeline.
+
+    Attributes:
+        on: field(s) of rendering and observation that a pipeline hands it; a tuple hands dicts of tensors.
+    """
+
+    on: str | tuple[str, ...] = "image"
+
+    def prepare(self, target: Any, weight: Tensor | None = None) -> Any:
+        """What of the target can be computed once a fit: a pytree of tensors that lead with rows.
+
+        Args:
+            target: (N, C, H, W), or a dict of such where ``on`` is a tuple.
+            weight: (N, 1, H, W) or None, 0 where a pixel does not count.
+        """
+        return {"target": target} if weight is None else {"target": target, "weight": weight}
+
+    @abstractmethod
+    def compare(self, prediction: Any, prepared: Any) -> Tensor:
+        """Energies (N,) of N predictions against N prepared targets."""
+
+    def forward(self, prediction: Any, target: Any, weight: Tensor | None = None) -> Tensor:
+        """``compare(prediction, prepare(target, weight))``: how other tasks call it."""
+        return self.compare(prediction, self.prepare(target, weight))
+
+
+class ResidualEnergy(Energy):
+    """An energy that is a mean of squares: E = Σ_m r_m²."""
+
+    @abstractmethod
+    def residuals(self, prediction: Any, prepared: Any) -> Tensor:
+        """Residuals (N, M) whose squares sum to the energy."""
+
+    def compare(self, prediction: Any, prepared: Any) -> Tensor:
+        return self.residuals(prediction, prepared).square().sum(1)
+
+
+class Prior(nn.Module, ABC):
+    """How unlikely a variable's value is: one number a row.
+
+    Attributes:
+        on: the variable's name.
+    """
+
+    on: str
+
+    @abstractmethod
+    def forward(self, value: Tensor) -> Tensor:
+        """Energies (N,) of N values (N, \\*shape)."""
+
+
+class Initializer(ABC):
+    """Proposes starts.
+
+    Attributes:
+        on: names of the variables that it sets together.
+    """
+
+    on: tuple[str, ...]
+
+    @abstractmethod
+    def __call__(
+        self,
+        variables: Mapping[str, Variable],
+        observation: Observation,
+        num_starts: int,
+        rngs: Sequence[torch.Generator],
+    ) -> Variables:
+        """Values (B·S, \\*shape) for its variables, the S starts of a problem one after another.
+
+        Args:
+            variables: those of the generator.
+            observation: B problems.
+            num_starts: S.
+            rngs: one generator of random numbers (on the CPU) a problem.
+        """
+
+
+@dataclass
+class Evaluation:
+    """Energies of rows, and what else was asked for.
+
+    Attributes:
+        energy: (N,) weighted sum that is descended.
+        ranking: (N,) weighted sum by which starts are ranked.
+        terms: (N,) each, unweighted.
+        values: what the generator saw, (N, \\*shape) each.
+        gradient: of the sum of ``energy`` over rows with respect to raw variables, if asked for.
+        residuals: (N, M), if asked for.
+    """
+
+    energy: Tensor
+    ranking: Tensor
+    terms: dict[str, Tensor]
+    values: Variables
+    gradient: Variables | None = None
+    residuals: Tensor | None = None
+
+
+class Evaluate(Protocol):
+    """Draws rows and compares them: any number of rows, each with the problem that it belongs to."""
+
+    def __call__(self, raw: Variables, problem: Tensor, need: Need = "value") -> Evaluation: ...
+
+
+class Optimizer(ABC):
+    """Moves rows downhill. Stateless: its memory is a value in which every tensor leads with rows."""
+
+    @abstractmethod
+    def init(self, raw: Variables) -> Any:
+        """Memory for these rows.
+
+        Raises:
+            ValueError: if its settings name variables that do not exist.
+        """
+
+    @abstractmethod
+    def step(self, evaluate: Evaluate, raw: Variables, problem: Tensor, memory: Any) -> tuple[Variables, Evaluation, Any]:
+        """One step: the new raw variables, the evaluation *at the old ones*, and the new memory."""
+
+
+class Callback:
+    """Looks on during a fit, and may thin the rows out."""
+
+    def on_start(self, state: FitState) -> None:
+        """Called once, before the first step."""
+
+    def on_step(self, state: FitState) -> FitState:
+        """Called after each evaluation; what it returns goes on."""
+        return state
+
+    def on_end(self, result: FitResult) -> None:
+        """Called once, with the result."""
+
+
+class Selector(ABC):
+    """Picks the winner of each problem."""
+
+    @abstractmethod
+    def __call__(self, energy: Tensor, values: Variables, problem: Tensor) -> Tensor:
+        """Row (B,) that wins each problem, from R rows in any order; every problem 0…B−1 has at least one row."""
+
+
+class Schedule(ABC):
+    """A term's weight that changes over the steps."""
+
+    @abstractmethod
+    def __call__(self, step: int, num_steps: int) -> float:
+        """Weight at ``step`` (0 … num_steps)."""

@@ -1,0 +1,52 @@
+"""Keeps what each start did at each step, and takes broken rows out."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from kfit.core.state import FitState, History
+
+
+class Recorder:
+    """Collects a fit's history; used by the pipeline alone.
+
+    Args:
+        num_problems: B.
+        num_starts: S.
+    """
+
+    def __init__(self, num_problems: int, num_starts: int) -> None:
+        self.num_problems, self.num_starts = num_problems, num_starts
+        self.dropped: list[tuple[int, int, int]] = []
+        self._steps: list[tuple[Tensor, Tensor, dict[str, Tensor], dict[str, Tensor]]] = []
+
+    def record(self, state: FitState) -> None:
+        """Note energies, terms and values of the rows that are there."""
+        self._steps.append((state.problem * self.num_starts + state.start, state.energy, state.terms, state.values))
+
+    def drop(self, state: FitState) -> FitState:
+        """The state without the rows whose energy is NaN or infinite; they are noted in `dropped`."""
+        fine = torch.isfinite(state.energy)
+        if bool(fine.all()):
+            return state
+        lost = zip(state.problem[~fine].tolist(), state.start[~fine].tolist(), strict=True)
+        self.dropped += [(problem, start, state.step) for problem, start in lost]
+        return state.keep(fine)
+
+    def history(self) -> History:
+        """Everything noted, as tensors (T, B, S, …) with NaN where a row was gone."""
+        names = {name for step in self._steps for name in step[2]}
+        values = self._steps[0][3]
+        return History(
+            energy=self._grid([(rows, energy) for rows, energy, _, _ in self._steps]),
+            terms={n: self._grid([(s[0], s[2][n]) for s in self._steps if n in s[2]]) for n in sorted(names)},
+            values={name: self._grid([(s[0], s[3][name]) for s in self._steps]) for name in values},
+        )
+
+    def _grid(self, steps: list[tuple[Tensor, Tensor]]) -> Tensor:
+        tail = steps[0][1].shape[1:]
+        grid = steps[0][1].new_full((len(steps), self.num_problems * self.num_starts, *tail), torch.nan)
+        for line, (rows, tensor) in zip(grid, steps, strict=True):
+            line[rows] = tensor
+        return grid.view(len(steps), self.num_problems, self.num_starts, *tail)

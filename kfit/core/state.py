@@ -1,0 +1,171 @@
+"""Plain values that a fit passes around: what was seen, what was drawn, where the fit stands, what it found."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields, replace
+from typing import Any
+
+import torch
+from torch import Tensor
+from torch.utils import _pytree as pytree
+
+from kfit.core.check import check_float, check_shape
+from kfit.core.variables import Variables
+
+
+class _Fields:
+    """Reading by name and mapping over the tensors that are there."""
+
+    def field(self, name: str) -> Tensor:
+        """The tensor of that name.
+
+        Raises:
+            ValueError: if there is no such field, or it is empty.
+        """
+        there = [f.name for f in fields(self) if isinstance(getattr(self, f.name), Tensor)]  # type: ignore[arg-type]
+        if name not in there:
+            raise ValueError(f"{type(self).__name__.lower()} has no {name!r}; it has {', '.join(there)}")
+        tensor: Tensor = getattr(self, name)
+        return tensor
+
+    def map(self, function: Callable[[Tensor], Tensor]) -> Any:
+        """The same with ``function`` applied to each tensor."""
+        held = {f.name: getattr(self, f.name) for f in fields(self)}  # type: ignore[arg-type]
+        return replace(self, **{k: function(v) for k, v in held.items() if isinstance(v, Tensor)})  # type: ignore[type-var]
+
+
+@dataclass(frozen=True)
+class Observation(_Fields):
+    """B pictures to be explained.
+
+    Attributes:
+        image: (B, C, H, W), RGB in [0, 1] on white background.
+        mask: (B, 1, H, W) in [0, 1], 1 on the object.
+        depth: (B, 1, H, W) in metres.
+        depth_valid: (B, 1, H, W), 1 where ``depth`` is known.
+        weight: (B, 1, H, W), 0 where a pixel does not count (occluded or unknown).
+        intrinsics: (B, 3, 3) of the picture given.
+        keys: one number a problem; with the seed it decides the problem's random numbers. The same key gives the
+            same numbers alone and in any batch; all keys are 0 unless given.
+
+    Raises:
+        TypeError, ValueError: naming the field whose type or shape is wrong.
+    """
+
+    image: Tensor
+    mask: Tensor | None = None
+    depth: Tensor | None = None
+    depth_valid: Tensor | None = None
+    weight: Tensor | None = None
+    intrinsics: Tensor | None = None
+    keys: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        check_shape("image", self.image, ("B", "C", "H", "W"))
+        check_float("image", self.image)
+        rows, _, height, width = self.image.shape
+        for name in ("mask", "depth", "depth_valid", "weight"):
+            if getattr(self, name) is not None:
+                check_shape(name, getattr(self, name), (rows, 1, height, width))
+        if self.intrinsics is not None:
+            check_shape("intrinsics", self.intrinsics, (rows, 3, 3))
+        if self.keys and len(self.keys) != rows:
+            raise ValueError(f"keys must hold one number for each of the {rows} pictures, got {len(self.keys)}")
+
+    @property
+    def num_problems(self) -> int:
+        return self.image.shape[0]
+
+
+@dataclass(frozen=True)
+class Rendering(_Fields):
+    """N drawn pictures.
+
+    Attributes:
+        image: (N, C, H, W), RGB in [0, 1] on white background.
+        mask: (N, 1, H, W) in [0, 1], where the generator can say.
+        depth: (N, 1, H, W), distance behind the object's centre in box diagonals, where the generator can say.
+    """
+
+    image: Tensor
+    mask: Tensor | None = None
+    depth: Tensor | None = None
+
+
+@dataclass
+class FitState:
+    """Where a fit stands: N rows, each one start of one problem.
+
+    Attributes:
+        step: number of steps taken.
+        num_steps: number of steps planned.
+        problem, start: (N,) the row's problem and the number that its start had at the beginning.
+        raw: variables as the optimizer walks on them, (N, \\*shape) each.
+        values: the same as the generator saw them at the last evaluation.
+        energy: (N,) descended energy at the last evaluation.
+        terms: (N,) each, the unweighted energies by name.
+        best_energy, best_values: least ranking energy so far of each row, and the values that reached it.
+        optimizer: memory of the optimizer, a pytree whose tensors lead with rows.
+    """
+
+    step: int
+    num_steps: int
+    problem: Tensor
+    start: Tensor
+    raw: Variables
+    values: Variables
+    energy: Tensor
+    terms: dict[str, Tensor]
+    best_energy: Tensor
+    best_values: Variables
+    optimizer: Any
+
+    def keep(self, index: Tensor) -> FitState:
+        """The same state with the rows of ``index`` (long or boolean) only; start numbers survive."""
+        if index.dtype == torch.bool:
+            index = index.nonzero()[:, 0]
+        held = {f.name: getattr(self, f.name) for f in fields(self)}
+        kept = pytree.tree_map_only(Tensor, lambda tensor: tensor.index_select(0, index), held)
+        return FitState(**kept)
+
+
+@dataclass
+class History:
+    """What each start did at each step; rows that left (pruned, dropped) hold NaN from then on.
+
+    Attributes:
+        energy: (T, B, S).
+        terms: (T, B, S) each, unweighted.
+        values: (T, B, S, \\*shape) each.
+    """
+
+    energy: Tensor
+    terms: dict[str, Tensor]
+    values: Variables
+
+
+@dataclass
+class FitResult:
+    """What a fit found for B problems.
+
+    Attributes:
+        values: the winners, (B, \\*shape) each; NaN for a problem all of whose starts failed.
+        energy: (B,) their ranking energy.
+        start: (B,) the number of the start that won, −1 where all failed.
+        all_problem, all_start, all_energy, all_values: the surviving starts, R rows: the alternatives.
+        history: every start at every step.
+        dropped: (problem, start, step) of each row that became NaN or infinite.
+        num_evaluations: number of pictures that the generator drew.
+    """
+
+    values: Variables
+    energy: Tensor
+    start: Tensor
+    all_problem: Tensor
+    all_start: Tensor
+    all_energy: Tensor
+    all_values: Variables
+    history: History
+    dropped: list[tuple[int, int, int]] = field(default_factory=list)
+    num_evaluations: int = 0

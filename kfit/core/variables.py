@@ -1,0 +1,100 @@
+"""Variables of a fit and the spaces that they live in.
+
+The optimizer walks over *raw* numbers, the generator sees *values*; a space is the map between them.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field
+
+import torch
+from torch import Tensor
+
+Variables = dict[str, Tensor]
+
+
+class Space(ABC):
+    """A one-to-one map between the line that an optimizer walks on and the values that a generator takes."""
+
+    @abstractmethod
+    def to_value(self, raw: Tensor) -> Tensor:
+        """Map raw numbers of any shape to values of the same shape."""
+
+    @abstractmethod
+    def to_raw(self, value: Tensor) -> Tensor:
+        """Map values to raw numbers, the inverse of `to_value`."""
+
+
+@dataclass(frozen=True)
+class Real(Space):
+    """All real numbers: value = raw."""
+
+    def to_value(self, raw: Tensor) -> Tensor:
+        return raw
+
+    def to_raw(self, value: Tensor) -> Tensor:
+        return value
+
+
+@dataclass(frozen=True)
+class Positive(Space):
+    """Numbers above zero: value = exp(raw), so that a step multiplies."""
+
+    def to_value(self, raw: Tensor) -> Tensor:
+        return raw.exp()
+
+    def to_raw(self, value: Tensor) -> Tensor:
+        if not bool((value > 0).all()):
+            raise ValueError(f"a Positive variable must be above 0, got {float(value.min()):g}")
+        return value.log()
+
+
+@dataclass(frozen=True)
+class Bounded(Space):
+    """Numbers between two bounds: value = low + (high − low) · sigmoid(raw).
+
+    Values on or outside a bound are taken a thousandth of the width inside it, where the slope is not yet zero.
+
+    Raises:
+        ValueError: if ``low`` is not below ``high``.
+    """
+
+    low: float
+    high: float
+
+    def __post_init__(self) -> None:
+        if not self.low < self.high:
+            raise ValueError(f"Bounded needs low < high, got low {self.low:g} and high {self.high:g}")
+
+    def to_value(self, raw: Tensor) -> Tensor:
+        return self.low + (self.high - self.low) * torch.sigmoid(raw)
+
+    def to_raw(self, value: Tensor) -> Tensor:
+        share = (value - self.low) / (self.high - self.low)
+        return torch.logit(share.clamp(1e-3, 1 - 1e-3))
+
+
+@dataclass(frozen=True)
+class Angle(Space):
+    """Angles: walked in half-turns, seen in radians, value = π · raw. Neither side is wrapped, so paths stay smooth."""
+
+    def to_value(self, raw: Tensor) -> Tensor:
+        return raw * math.pi
+
+    def to_raw(self, value: Tensor) -> Tensor:
+        return value / math.pi
+
+
+@dataclass(frozen=True)
+class Variable:
+    """One thing that a generator can be asked to explain.
+
+    Attributes:
+        shape: shape of one value, without rows: ``()`` for a number, ``(16,)`` for a code.
+        space: where its values live.
+    """
+
+    shape: tuple[int, ...] = ()
+    space: Space = field(default_factory=Real)

@@ -1,0 +1,35 @@
+"""Adaptive instance normalisation: how a code speaks to a layer."""
+
+from __future__ import annotations
+
+from torch import Tensor, nn
+from torch.nn import functional as F
+
+
+class AdaIN(nn.Module):
+    """Replaces each channel's mean and spread by those that the code asks for (Huang and Belongie 2017).
+
+    y = σ(z) · (x − mean(x)) / √(var(x) + 1e-5) + μ(z), where (μ, σ) = relu(A z + b); mean and (biased) variance are
+    taken over a sample's pixels or voxels. The ReLU is that of the released code.
+
+    Args:
+        num_channels: C.
+        code_dim: D.
+    """
+
+    def __init__(self, num_channels: int, code_dim: int) -> None:
+        super().__init__()
+        self.affine = nn.Linear(code_dim, 2 * num_channels)
+        nn.init.normal_(self.affine.weight, std=0.1)
+        # Begins near the identity, with every ReLU open.
+        nn.init.constant_(self.affine.bias[:num_channels], 0.1)
+        nn.init.ones_(self.affine.bias[num_channels:])
+
+    def style(self, code: Tensor) -> Tensor:
+        """(N, 2C): the means, then the spreads, that codes (N, D) ask for."""
+        return F.relu(self.affine(code))
+
+    def forward(self, features: Tensor, style: Tensor) -> Tensor:
+        """Restyle features (N, C, …) by styles (N, 2C)."""
+        mean, spread = style.view(*style.shape, *[1] * (features.dim() - 2)).chunk(2, 1)
+        return F.instance_norm(features) * spread + mean

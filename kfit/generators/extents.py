@@ -1,0 +1,23 @@
+"""From a code to the sides of the object's bounding box."""
+
+from __future__ import annotations
+
+from torch import Tensor, nn
+from torch.nn import functional as F
+
+
+class ExtentsHead(nn.Module):
+    """Tells an object's normalised extents: its box's three sides (x, y, z) where the diagonal is 1.
+
+    Args:
+        code_dim: D.
+        hidden_dim: width of the layer between.
+    """
+
+    def __init__(self, code_dim: int = 16, hidden_dim: int = 64) -> None:
+        super().__init__()
+        self.layers = nn.Sequential(nn.Linear(code_dim, hidden_dim), nn.LeakyReLU(0.2), nn.Linear(hidden_dim, 3))
+
+    def forward(self, code: Tensor) -> Tensor:
+        """Extents (N, 3) of codes (N, D), positive, each row of length 1."""
+        return F.normalize(F.softplus(self.layers(code).float()) + 1e-3, dim=1)

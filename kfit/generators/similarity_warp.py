@@ -1,0 +1,86 @@
+"""Any generator's picture turned, shifted and scaled in its plane."""
+
+from __future__ import annotations
+
+import torch
+from kornia.geometry.transform import warp_affine
+from torch import Tensor
+
+from kfit.core import Angle, Generator, Positive, Rendering, Variable
+from kfit.core.check import check_names
+
+OWN = ("roll", "shift", "scale")
+
+
+class SimilarityWarp(Generator):
+    """Adds roll, shift and scale to a generator by a similarity warp of its finished picture (paper, equation 2).
+
+    A point (u, v) of the generator's picture, in half-widths from the centre, x right and y up, goes to
+    scale · Rz(roll) · (u, v) + shift; outside is white, mask 0. Depth is warped premultiplied by the mask.
+
+    Adds the variables ``roll`` (radians, anticlockwise), ``shift`` (2,) in half-widths of the picture (x right, y up)
+    and ``scale`` (above 0; 1 leaves the size).
+
+    Args:
+        generator: draws the picture before the warp.
+
+    Raises:
+        ValueError: if the generator has variables of these names already.
+    """
+
+    def __init__(self, generator: Generator) -> None:
+        super().__init__()
+        taken = [name for name in OWN if name in generator.variables]
+        if taken:
+            raise ValueError(f"SimilarityWarp: the generator has {', '.join(taken)} already")
+        self.generator = generator
+        self.variables = {
+            **generator.variables,
+            "roll": Variable((), Angle()),
+            "shift": Variable((2,)),
+            "scale": Variable((), Positive()),
+        }
+
+    def forward(self, **values: Tensor) -> Rendering:
+        drawn: Rendering = self.generator(**{k: v for k, v in values.items() if k not in OWN})
+        return warp(drawn, values["roll"], values["shift"], values["scale"])
+
+    def bind(self, **fixed: Tensor) -> Generator:
+        """Hold variables; those of the generator inside are bound there.
+
+        Raises:
+            ValueError: for a name that is no variable of this generator.
+        """
+        check_names("bind", fixed, self.variables)
+        inner = {name: value for name, value in fixed.items() if name not in OWN}
+        own = {name: value for name, value in fixed.items() if name in OWN}
+        bound = SimilarityWarp(self.generator.bind(**inner)) if inner else self
+        return Generator.bind(bound, **own) if own else bound
+
+
+def warp(drawn: Rendering, roll: Tensor, shift: Tensor, scale: Tensor) -> Rendering:
+    """Apply the similarity warp of `SimilarityWarp` to N drawn pictures.
+
+    Args:
+        drawn: N pictures.
+        roll: (N,) radians.
+        shift: (N, 2) half-widths.
+        scale: (N,).
+    """
+    height, width = drawn.image.shape[-2:]
+    cos, sin = scale * roll.cos(), scale * roll.sin()
+    # In pixels y points down: the sense of the turn and the sign of the y shift change.
+    linear = torch.stack([cos, sin, -sin, cos], -1).view(-1, 2, 2)
+    centre = shift.new_tensor([(width - 1) / 2, (height - 1) / 2])
+    moved = centre + shift * shift.new_tensor([width / 2, -height / 2])
+    matrix = torch.cat([linear, (moved - linear @ centre)[..., None]], -1)
+    # White outside: what is warped is the difference to white, whose outside is 0.
+    parts = [drawn.image - 1]
+    if drawn.mask is not None:
+        parts.append(drawn.mask)
+        if drawn.depth is not None:
+            parts.append(drawn.depth * drawn.mask)
+    sizes = [part.shape[1] for part in parts]
+    pieces = warp_affine(torch.cat(parts, 1), matrix, (height, width), align_corners=True).split(sizes, 1)
+    depth = pieces[2] / pieces[1].clamp_min(1e-4) if len(pieces) > 2 else None
+    return Rendering(image=pieces[0] + 1, mask=pieces[1] if len(pieces) > 1 else None, depth=depth)

@@ -1,0 +1,42 @@
+"""Pure functions on tensors: pose conventions, crops, cameras, boxes, and what is known about categories."""
+
+from kfit.geometry.boxes import EDGES, box_corners, project
+from kfit.geometry.camera import (
+    UNIT_FRACTION,
+    intrinsics_from_exif,
+    intrinsics_from_fov,
+    pose_from_crop,
+    viewing_ray,
+    viewing_ray_rotation,
+)
+from kfit.geometry.categories import CATEGORIES, Category
+from kfit.geometry.crop import Crop
+from kfit.geometry.pose import (
+    Symmetry,
+    angles_from_rotation,
+    from_opencv,
+    rotation_error,
+    rotation_from_angles,
+    to_opencv,
+)
+
+__all__ = [
+    "CATEGORIES",
+    "EDGES",
+    "UNIT_FRACTION",
+    "Category",
+    "Crop",
+    "Symmetry",
+    "angles_from_rotation",
+    "box_corners",
+    "from_opencv",
+    "intrinsics_from_exif",
+    "intrinsics_from_fov",
+    "pose_from_crop",
+    "project",
+    "rotation_error",
+    "rotation_from_angles",
+    "to_opencv",
+    "viewing_ray",
+    "viewing_ray_rotation",
+]

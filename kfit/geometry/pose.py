@@ -1,0 +1,91 @@
+"""Poses as angles and as rotation matrices, in the generator's y-up frame and in OpenCV's camera axes."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import torch
+from kornia.geometry.conversions import axis_angle_to_rotation_matrix
+from torch import Tensor
+
+Symmetry = Literal["none", "y"]
+
+
+def rotation_from_angles(azimuth: Tensor, elevation: Tensor, roll: Tensor) -> Tensor:
+    """Rotation that takes object axes (y up) to the generator's frame (x right, y up, z towards the viewer).
+
+    R = Rz(roll) · Rx(elevation) · Ry(azimuth): azimuth turns the object about its own vertical axis, elevation tips
+    its top towards the viewer, roll turns the finished picture anticlockwise.
+
+    Args:
+        azimuth, elevation, roll: (…) in radians; they broadcast.
+
+    Returns:
+        (…, 3, 3), differentiable everywhere.
+    """
+    return _about(2, roll) @ _about(0, elevation) @ _about(1, azimuth)
+
+
+def angles_from_rotation(rotation: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Azimuth, elevation and roll of a y-up rotation: the inverse of `rotation_from_angles`.
+
+    With a = azimuth, e = elevation, r = roll, the last row of R is (−cos e sin a, sin e, cos e cos a), and the first
+    column of R · Ry(−a) is (cos r, sin r, 0). Taking roll from the latter keeps the three consistent even straight
+    from above or below, where only azimuth ± roll is defined.
+
+    Args:
+        rotation: (…, 3, 3).
+
+    Returns:
+        Three (…) in radians: azimuth and roll in [−π, π], elevation in [−π/2, π/2].
+    """
+    horizontal = torch.hypot(rotation[..., 2, 0], rotation[..., 2, 2])
+    elevation = torch.atan2(rotation[..., 2, 1], horizontal)
+    azimuth = torch.atan2(-rotation[..., 2, 0], rotation[..., 2, 2])
+    sideways = rotation[..., :, 0] * azimuth.cos()[..., None] + rotation[..., :, 2] * azimuth.sin()[..., None]
+    return azimuth, elevation, torch.atan2(sideways[..., 1], sideways[..., 0])
+
+
+def to_opencv(rotation: Tensor) -> Tensor:
+    """The y-up rotation (…, 3, 3) in OpenCV's camera axes (x right, y down, z forward): diag(1, −1, −1) · R."""
+    return rotation * rotation.new_tensor([1.0, -1.0, -1.0])[:, None]
+
+
+def from_opencv(rotation: Tensor) -> Tensor:
+    """The OpenCV rotation (…, 3, 3) in the generator's y-up frame: diag(1, −1, −1) · R, its own inverse."""
+    return to_opencv(rotation)
+
+
+def rotation_error(a: Tensor, b: Tensor, symmetry: Symmetry = "none") -> Tensor:
+    """Angle between two rotations of the same object, in radians.
+
+    ``"none"``: with m = aᵀb, atan2(‖m − mᵀ‖ / √8, (tr m − 1) / 2), Frobenius norm: the sine and the cosine of the
+    angle, which unlike the arc cosine alone keeps its digits near 0 and π. ``"y"``: angle between the vertical axes
+    a·ŷ and b·ŷ, for objects that look the same turned about them.
+
+    Args:
+        a, b: (…, 3, 3) in the same frame; they broadcast.
+        symmetry: of the object, see `kfit.geometry.categories`.
+
+    Returns:
+        (…) in [0, π].
+
+    Raises:
+        ValueError: for a symmetry of another name.
+    """
+    if symmetry not in ("none", "y"):
+        raise ValueError(f"symmetry must be 'none' or 'y', got {symmetry!r}")
+    if symmetry == "y":
+        up_a, up_b = a[..., :, 1], b[..., :, 1]
+        # The half angle's tangent is ‖u − v‖ / ‖u + v‖ (Kahan): sound near 0 and near π alike.
+        return 2 * torch.atan2((up_a - up_b).norm(dim=-1), (up_a + up_b).norm(dim=-1))
+    turn = a.mT @ b
+    sine = (turn - turn.mT).flatten(-2).norm(dim=-1) / 8**0.5
+    cosine = (turn.diagonal(dim1=-2, dim2=-1).sum(-1) - 1) / 2
+    return torch.atan2(sine, cosine)
+
+
+def _about(axis: int, angle: Tensor) -> Tensor:
+    zero = torch.zeros_like(angle)
+    turned: Tensor = axis_angle_to_rotation_matrix(torch.stack([angle if k == axis else zero for k in range(3)], -1))
+    return turned

@@ -1,0 +1,8 @@
+"""Where a fit starts."""
+
+from kfit.initializers.constant import Constant
+from kfit.initializers.encoder_posterior import EncoderPosterior
+from kfit.initializers.sphere_grid import SphereGrid
+from kfit.initializers.uniform import Uniform
+
+__all__ = ["Constant", "EncoderPosterior", "SphereGrid", "Uniform"]

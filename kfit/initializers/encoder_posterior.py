@@ -1,0 +1,44 @@
+"""Codes drawn from what an encoder thinks of the picture."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import torch
+from torch import Tensor
+
+from kfit.core import Encoder, Initializer, Observation, Variable, Variables, frozen
+
+
+class EncoderPosterior(Initializer):
+    """Draws the code from the Gaussian that an encoder gives for the observed picture (paper, section 3.3).
+
+    z = μ(I) + spread · σ(I) · ε, ε ~ N(0, 1); the first start of each problem takes the mean.
+
+    Args:
+        encoder: image (B, C, H, W) → mean and log-variance, (B, D) each.
+        on: the variable.
+        spread: factor on the standard deviation; 0 starts all at the mean.
+    """
+
+    def __init__(self, encoder: Encoder, on: str = "code", spread: float = 1.0) -> None:
+        self.encoder, self.on, self.spread = frozen(encoder), (on,), spread
+
+    def __call__(
+        self,
+        variables: Mapping[str, Variable],
+        observation: Observation,
+        num_starts: int,
+        rngs: Sequence[torch.Generator],
+    ) -> Variables:
+        with torch.no_grad():
+            mean, log_variance = self.encoder(observation.image)
+        noise = torch.stack([self._noise(num_starts, mean.shape[1], rng) for rng in rngs]).to(mean)
+        codes = mean[:, None] + self.spread * (0.5 * log_variance[:, None]).exp() * noise
+        return {self.on[0]: codes.flatten(0, 1)}
+
+    @staticmethod
+    def _noise(num_starts: int, code_dim: int, rng: torch.Generator) -> Tensor:
+        noise = torch.randn(num_starts, code_dim, generator=rng)
+        noise[0] = 0
+        return noise

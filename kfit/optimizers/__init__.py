@@ -1,0 +1,5 @@
+"""How rows move downhill."""
+
+from kfit.optimizers.adam import Adam
+
+__all__ = ["Adam"]

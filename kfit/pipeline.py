@@ -1,0 +1,288 @@
+"""The pipeline: start, render, compare, step, select, for B problems × S starts at once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+from torch.utils import _pytree as pytree
+
+from kfit.core import (
+    Callback,
+    Energy,
+    Evaluation,
+    FitError,
+    FitResult,
+    FitState,
+    Generator,
+    Initializer,
+    Observation,
+    Optimizer,
+    Prior,
+    Schedule,
+    Selector,
+    Variables,
+    frozen,
+)
+from kfit.core.check import check_names
+from kfit.core.contracts import Need
+from kfit.core.recorder import Recorder
+from kfit.selectors import LowestEnergy
+
+
+class FitPipeline(nn.Module):
+    """Fits a generator's variables so that its drawings explain observed pictures.
+
+    The energy of a row is E(x) = Σ_k w_k · e_k(render(x), observation) + Σ_p w_p · p(x); its gradient is that of the
+    sum over rows, so that every row walks its own path. The networks are frozen once, here; the originals are left
+    as they are.
+
+    Args:
+        generator: draws.
+        energies: energies and priors by name.
+        initializers: between them they set each of the generator's variables once.
+        optimizer: moves the rows.
+        weights: weight of each term, a number or a schedule; 1 for terms not named.
+        rank_weights: weights by which best-so-far and winner are judged; the final ``weights`` unless given, and 0
+            for terms not named.
+        selector: picks the winner among a problem's starts.
+        callbacks: progress, pruning, recording.
+        num_starts: S, starts a problem.
+        num_steps: steps of the optimizer; the last iterate is evaluated too.
+
+    Raises:
+        ValueError: for weights or rates of unknown names, variables that no or two initializers set, and fields that
+            nothing can provide.
+    """
+
+    def __init__(
+        self,
+        generator: Generator,
+        energies: dict[str, Energy | Prior],
+        initializers: list[Initializer],
+        optimizer: Optimizer,
+        weights: dict[str, float | Schedule] | None = None,
+        rank_weights: dict[str, float] | None = None,
+        selector: Selector | None = None,
+        callbacks: Sequence[Callback] = (),
+        num_starts: int = 32,
+        num_steps: int = 50,
+    ) -> None:
+        super().__init__()
+        if num_starts < 1 or num_steps < 0:
+            raise ValueError(f"num_starts must be at least 1 and num_steps at least 0, got {num_starts} and {num_steps}")
+        if not energies:
+            raise ValueError("energies must name at least one energy, got none")
+        check_names("weights", weights or {}, energies)
+        check_names("rank_weights", rank_weights or {}, energies)
+        for name, energy in energies.items():
+            if isinstance(energy, Prior):
+                check_names(f"energies.{name}.on", [energy.on], generator.variables)
+        self.generator = frozen(generator)
+        self.energies = frozen(nn.ModuleDict(energies))
+        self.initializers = list(initializers)
+        self.optimizer = optimizer
+        self.weights: dict[str, float | Schedule] = {name: 1.0 for name in energies} | (weights or {})
+        self.rank_weights = rank_weights
+        self.selector = selector or LowestEnergy()
+        self.callbacks = list(callbacks)
+        self.num_starts, self.num_steps = num_starts, num_steps
+        self._check_initializers(generator)
+        optimizer.init({name: torch.zeros(1, *v.shape) for name, v in generator.variables.items()})
+
+    def _check_initializers(self, generator: Generator) -> None:
+        named = [name for initializer in self.initializers for name in initializer.on]
+        check_names("initializers", named, generator.variables, complete=True)
+        twice = sorted({name for name in named if named.count(name) > 1})
+        if twice:
+            raise ValueError(f"initializers: {', '.join(twice)} set by two initializers; each variable needs exactly one")
+
+    def _weights_at(self, step: int) -> dict[str, float]:
+        return {k: w(step, self.num_steps) if isinstance(w, Schedule) else w for k, w in self.weights.items()}
+
+    def forward(self, observation: Observation, *, seed: int | None = None) -> FitResult:
+        """Fit B problems.
+
+        Args:
+            observation: what was seen.
+            seed: with the problems' keys it decides every random number; taken from torch's generator unless given.
+
+        Raises:
+            FitError: if every start of every problem became NaN or infinite.
+        """
+        # A fit inside `trainer.predict` finds inference mode on, under which no gradient can be asked for.
+        with torch.inference_mode(False), torch.no_grad():
+            return self._fit(observation.map(torch.clone) if observation.image.is_inference() else observation, seed)
+
+    def _fit(self, observation: Observation, seed: int | None) -> FitResult:
+        seed = int(torch.randint(2**31, ())) if seed is None else seed
+        device, count = observation.image.device, observation.num_problems
+        problem = torch.arange(count, device=device).repeat_interleave(self.num_starts)
+        start = torch.arange(self.num_starts, device=device).repeat(count)
+        raw = self._start(observation, seed)
+        judge = _Judge(self, observation)
+        nothing = raw[next(iter(raw))].new_full((len(problem),), torch.inf)
+        state = FitState(0, self.num_steps, problem, start, raw, {}, nothing, {}, nothing, {}, self.optimizer.init(raw))
+        for callback in self.callbacks:
+            callback.on_start(state)
+        recorder = Recorder(count, self.num_starts)
+        for step in range(self.num_steps + 1):
+            judge.weights = self._weights_at(step)
+            if step < self.num_steps:
+                new, seen, memory = self.optimizer.step(judge, state.raw, state.problem, state.optimizer)
+            else:  # the last iterate is only looked at
+                new, seen, memory = state.raw, judge(state.raw, state.problem), state.optimizer
+            state = self._advance(state, step, new, seen, memory)
+            recorder.record(state)
+            state = recorder.drop(state)
+            for callback in self.callbacks:
+                state = callback.on_step(state)
+            if len(state.problem) == 0:
+                raise FitError(f"every start of every problem became NaN or infinite by step {step} of the fit")
+        result = self._select(state, recorder, judge.num_evaluations)
+        for callback in self.callbacks:
+            callback.on_end(result)
+        return result
+
+    def _start(self, observation: Observation, seed: int) -> Variables:
+        variables = self.generator.variables
+        rows = observation.num_problems * self.num_starts
+        raw = {}
+        for initializer in self.initializers:
+            # Each initializer draws from its own stream, so exchanging one leaves the numbers of the others alone.
+            rngs = [
+                torch.Generator().manual_seed(_mix(seed, key, initializer.on[0]))
+                for key in observation.keys or (0,) * observation.num_problems
+            ]
+            values = initializer(variables, observation, self.num_starts, rngs)
+            check_names(f"{type(initializer).__name__} set", values, initializer.on, complete=True)
+            for name, value in values.items():
+                expected = (rows, *variables[name].shape)
+                if tuple(value.shape) != expected:
+                    came = tuple(value.shape)
+                    raise ValueError(f"{type(initializer).__name__} must give {name!r} in shape {expected}, got {came}")
+                raw[name] = variables[name].space.to_raw(value.to(observation.image))
+        return {name: raw[name] for name in variables}
+
+    def _advance(self, state: FitState, step: int, new: Variables, seen: Evaluation, memory: Any) -> FitState:
+        better = seen.ranking < state.best_energy  # False where the energy is NaN
+        best = {
+            name: value if not state.best_values else torch.where(_tail(better, value), value, state.best_values[name])
+            for name, value in seen.values.items()
+        }
+        broken = ~torch.isfinite(seen.energy)
+        for value in new.values():
+            broken |= ~torch.isfinite(value).flatten(1).all(1) if value.dim() > 1 else ~torch.isfinite(value)
+        return FitState(
+            step=step,
+            num_steps=self.num_steps,
+            problem=state.problem,
+            start=state.start,
+            raw=new,
+            values=seen.values,
+            energy=torch.where(broken, torch.nan, seen.energy),
+            terms=seen.terms,
+            best_energy=torch.where(better, seen.ranking, state.best_energy),
+            best_values=best,
+            optimizer=memory,
+        )
+
+    def _select(self, state: FitState, recorder: Recorder, num_evaluations: int) -> FitResult:
+        count = recorder.num_problems
+        alive, compact = state.problem.unique(return_inverse=True)
+        winner = self.selector(state.best_energy, state.best_values, compact)
+
+        def scatter(rows: Tensor, fill: float) -> Tensor:
+            whole = rows.new_full((count, *rows.shape[1:]), fill)
+            whole[alive] = rows[winner]
+            return whole
+
+        return FitResult(
+            values={name: scatter(value, torch.nan) for name, value in state.best_values.items()},
+            energy=scatter(state.best_energy, torch.nan),
+            start=scatter(state.start, -1),
+            all_problem=state.problem,
+            all_start=state.start,
+            all_energy=state.best_energy,
+            all_values=state.best_values,
+            history=recorder.history(),
+            dropped=recorder.dropped,
+            num_evaluations=num_evaluations,
+        )
+
+
+class _Judge:
+    """Draws and compares rows; holds the targets' features, computed once a fit."""
+
+    def __init__(self, pipeline: FitPipeline, observation: Observation) -> None:
+        self.generator = pipeline.generator
+        self.spaces = {name: variable.space for name, variable in pipeline.generator.variables.items()}
+        self.terms: Mapping[str, Energy | Prior] = dict(pipeline.energies.items())  # type: ignore[arg-type]
+        self.rank_weights = pipeline.rank_weights or pipeline._weights_at(pipeline.num_steps)
+        self.weights: dict[str, float] = {}
+        self.num_evaluations = 0
+        self.prepared = {
+            name: energy.prepare(_fields(observation, energy.on), observation.weight)
+            for name, energy in self.terms.items()
+            if isinstance(energy, Energy)
+        }
+        self._rows: tuple[Tensor, Any] | None = None
+
+    def __call__(self, raw: Variables, problem: Tensor, need: Need = "value") -> Evaluation:
+        if need == "residuals":
+            raise ValueError("this pipeline offers energies and gradients; residuals come with Levenberg–Marquardt")
+        self.num_evaluations += len(problem)
+        wants = need == "gradient"
+        with torch.set_grad_enabled(wants):
+            leaves = {name: tensor.detach().requires_grad_(wants) for name, tensor in raw.items()}
+            values = {name: self.spaces[name].to_value(leaf) for name, leaf in leaves.items()}
+            rendering = self.generator(**values)
+            terms = {}
+            for name, term in self.terms.items():
+                if not self.weights[name] and not self.rank_weights.get(name):
+                    continue
+                if isinstance(term, Prior):
+                    terms[name] = term(values[term.on])
+                else:
+                    terms[name] = term.compare(_fields(rendering, term.on), self._gather(problem)[name])
+            energy = torch.stack([self.weights[name] * term for name, term in terms.items()]).sum(0)
+            gradient = None
+            if wants:
+                slopes = torch.autograd.grad(energy.sum(), list(leaves.values()), allow_unused=True)
+                gradient = {
+                    name: torch.zeros_like(leaf) if slope is None else slope
+                    for (name, leaf), slope in zip(leaves.items(), slopes, strict=True)
+                }
+        ranked = [self.rank_weights.get(name, 0.0) * term.detach() for name, term in terms.items()]
+        return Evaluation(
+            energy=energy.detach(),
+            ranking=torch.stack(ranked).sum(0),
+            terms={name: term.detach() for name, term in terms.items()},
+            values={name: value.detach() for name, value in values.items()},
+            gradient=gradient,
+        )
+
+    def _gather(self, problem: Tensor) -> Any:
+        """The targets' features for these rows, gathered anew only when the rows have changed."""
+        if self._rows is None or not torch.equal(self._rows[0], problem):
+            rows = pytree.tree_map_only(Tensor, lambda tensor: tensor.index_select(0, problem), self.prepared)
+            self._rows = (problem, rows)
+        return self._rows[1]
+
+
+def _fields(source: Observation | Any, on: str | tuple[str, ...]) -> Any:
+    return source.field(on) if isinstance(on, str) else {name: source.field(name) for name in on}
+
+
+def _tail(rows: Tensor, like: Tensor) -> Tensor:
+    return rows.view(-1, *[1] * (like.dim() - 1))
+
+
+def _mix(seed: int, key: int, stream: str) -> int:
+    """One number out of a seed, a problem's key and a stream's name: FNV-1a over their bytes, so it never varies."""
+    mixed = 0xCBF29CE484222325
+    for byte in f"{seed}/{key}/{stream}".encode():
+        mixed = ((mixed ^ byte) * 0x100000001B3) % 2**64
+    return mixed % 2**63

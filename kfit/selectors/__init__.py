@@ -1,0 +1,6 @@
+"""Which start wins."""
+
+from kfit.selectors.lowest_energy import LowestEnergy
+from kfit.selectors.rotation_vote import RotationVote
+
+__all__ = ["LowestEnergy", "RotationVote"]

@@ -1,0 +1,43 @@
+"""The start that most of the best starts agree with."""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+import torch
+from torch import Tensor
+
+from kfit.core import Selector, Variables
+from kfit.geometry.pose import rotation_error, rotation_from_angles
+
+
+class RotationVote(Selector):
+    """Lets the best starts vote on the rotation, as the released code does (neural_object_fitting@7309348 eval.py).
+
+    Of the ``top`` rows of lowest energy, each counts those within ``within_deg`` of it; the one with most wins, and
+    its lowest-energy supporter is the answer.
+
+    Args:
+        symmetry: ``"y"`` compares vertical axes only.
+        top: voters.
+        within_deg: degrees within which two rotations agree.
+    """
+
+    def __init__(self, symmetry: Literal["none", "y"] = "none", top: int = 5, within_deg: float = 10.0) -> None:
+        if top < 1 or within_deg < 0:
+            raise ValueError(f"RotationVote: top must be ≥ 1 and within_deg ≥ 0, got {top} and {within_deg:g}")
+        self.symmetry, self.top, self.within = symmetry, top, math.radians(within_deg)
+
+    def __call__(self, energy: Tensor, values: Variables, problem: Tensor) -> Tensor:
+        roll = values.get("roll", torch.zeros_like(values["azimuth"]))
+        rotation = rotation_from_angles(values["azimuth"], values["elevation"], roll)
+        winners = []
+        for number in range(int(problem.max()) + 1):
+            rows = (problem == number).nonzero()[:, 0]
+            rows = rows[energy[rows].argsort(stable=True)][: self.top]
+            apart = rotation_error(rotation[rows][:, None], rotation[rows][None], self.symmetry)
+            agree = apart <= self.within
+            best = agree.sum(1).argmax()  # of equal counts the first, which has the lower energy
+            winners.append(rows[int(agree[best].nonzero()[0])])
+        return torch.stack(winners)
