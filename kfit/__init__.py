@@ -1,0 +1,27 @@
+"""kfit fits pictures: generators, energies, initializers, optimizers and selectors, composed into batched fits."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from kfit.models import load
+    from kfit.pipeline import FitPipeline
+
+__version__ = version("kfit")
+__all__ = ["FitPipeline", "__version__", "load"]
+
+# Imported when first asked for: `import kfit` costs nothing, and no part is loaded that is not used.
+_HOMES = {"FitPipeline": "kfit.pipeline", "load": "kfit.models"}
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOMES:
+        return getattr(import_module(_HOMES[name]), name)
+    raise AttributeError(f"module 'kfit' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted([*__all__, *globals()])

@@ -12,14 +12,16 @@ from kfit.core import Encoder
 class ConvEncoder(Encoder):
     """Says which codes could have drawn a picture, by convolutions.
 
-    Stride-2 convolutions with instance normalisation, then two linear layers. The released encoder's sizes are
-    ``channels=(64, 128, 256, 512)``.
+    Stride-2 convolutions, normalised from the second on, then two linear layers. The released encoder is that of
+    ``channels=(64, 128, 256, 512), instance_norm=True``.
 
     Args:
         code_dim: D.
         channels: of each convolution.
         hidden_dim: between the linear layers.
         image_size: side of the pictures it takes.
+        instance_norm: normalise each channel alone, as the released encoder does, which hides an object's overall
+            colour from the layers behind; groups of channels are normalised together unless asked for.
     """
 
     def __init__(
@@ -28,13 +30,14 @@ class ConvEncoder(Encoder):
         channels: Sequence[int] = (32, 64, 128, 256),
         hidden_dim: int = 128,
         image_size: int = 64,
+        instance_norm: bool = False,
     ) -> None:
         super().__init__()
         layers: list[nn.Module] = []
         for index, (a, b) in enumerate(zip((3, *channels[:-1]), channels, strict=True)):
             layers += [nn.Conv2d(a, b, 3, 2, 1), nn.LeakyReLU(0.2)]
-            # The first layer stays as it is, so that overall colour and brightness reach the code.
-            layers += [nn.InstanceNorm2d(b)] if index else []
+            if index:
+                layers.append(nn.InstanceNorm2d(b) if instance_norm else nn.GroupNorm(8, b))
         self.look = nn.Sequential(*layers)
         side = image_size // 2 ** len(channels)
         self.say = nn.Sequential(

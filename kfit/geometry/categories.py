@@ -16,6 +16,9 @@ class Category:
         symmetry: ``"none"``, or ``"y"`` where the object looks the same turned freely about its vertical axis.
         mean_diagonal: mean length of the bounding box's diagonal in metres, over NOCS's CAMERA training set
             (constants of the released code, neural_object_fitting@7309348 eval.py).
+        unit_fraction: share of the width of kfit's training pictures that a unit diagonal spans; as large as leaves
+            the category's widest outlines inside.
+        axes: how the object stands in NOCS's frame; y points up.
         elevation_deg: range of elevations that photos show.
     """
 
@@ -23,17 +26,19 @@ class Category:
     nocs_id: int
     symmetry: Literal["none", "y"]
     mean_diagonal: float
+    unit_fraction: float
+    axes: str
     elevation_deg: tuple[float, float] = (-15.0, 75.0)
 
 
 CATEGORIES: dict[str, Category] = {
     category.name: category
     for category in (
-        Category("bottle", 1, "y", 0.34),
-        Category("bowl", 2, "y", 0.21),
-        Category("camera", 3, "none", 0.19),
-        Category("can", 4, "y", 0.15),
-        Category("laptop", 5, "none", 0.46),
-        Category("mug", 6, "none", 0.17),
+        Category("bottle", 1, "y", 0.34, 1.0, "y up, free to turn about y"),
+        Category("bowl", 2, "y", 0.21, 1.25, "y up, free to turn about y"),
+        Category("camera", 3, "none", 0.19, 1.0, "y up, lens towards +x"),
+        Category("can", 4, "y", 0.15, 1.03, "y up, free to turn about y"),
+        Category("laptop", 5, "none", 0.46, 1.0, "y up, screen facing +x"),
+        Category("mug", 6, "none", 0.17, 1.15, "y up, handle towards +x"),
     )
 }

@@ -1,0 +1,33 @@
+"""``lightning fit -c recipe.yaml``: Lightning's command line over kfit's parts and anybody's own."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+
+from lightning.pytorch import LightningDataModule, LightningModule
+from lightning.pytorch.cli import LightningCLI
+
+
+def main(args: Sequence[str] | None = None) -> None:
+    """Run Lightning's command line: fit, validate, test or predict, as a recipe says.
+
+    Parts are named by import path (``class_path``), so a class in a file of the working folder serves as it is.
+
+    Args:
+        args: words after the program's name; those of the process unless given.
+    """
+    # A console script does not see the working folder. Last, so that it can shadow nothing.
+    if os.getcwd() not in sys.path:
+        sys.path.append(os.getcwd())
+    LightningCLI(
+        LightningModule,
+        LightningDataModule,
+        subclass_mode_model=True,
+        subclass_mode_data=True,
+        auto_configure_optimizers=False,
+        seed_everything_default=0,
+        save_config_kwargs={"overwrite": True},
+        args=list(args) if args is not None else None,
+    )

@@ -1,0 +1,122 @@
+"""Find the pose of an object in a photo.
+
+Writes pose.json and overlay.png, and prints one line.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from jsonargparse import ArgumentParser, Namespace
+
+if TYPE_CHECKING:
+    from kfit.models import PoseResult
+
+
+def parser() -> ArgumentParser:
+    """Arguments of ``kfit pose``."""
+    parser = ArgumentParser(
+        description="Find the pose of an object in a photo, without a CAD model of it: writes DIR/pose.json and "
+        "DIR/overlay.png and prints one line.",
+        epilog="examples:  kfit pose photo.jpg --category mug --box 120 80 300 260   |   "
+        "kfit pose cutout.png --category laptop --intrinsics 1450 1450 960 540 --json",
+    )
+    parser.add_argument("photo", type=str, help="a picture file; its alpha channel, if any, tells where the object is")
+    parser.add_argument("--category", type=str, default=None, help="kind of object: a bundled model's name")
+    parser.add_argument("--model", type=str, default=None, help="a .safetensors model of your own, instead of --category")
+    parser.add_argument("--mask", type=str, default=None, help="a picture of the photo's size, not 0 on the object")
+    parser.add_argument(
+        "--box", type=float, nargs=4, default=None, metavar=("X", "Y", "W", "H"),
+        help="tight box around the object in pixels; GrabCut finds the object in it",
+    )
+    parser.add_argument(
+        "--intrinsics", type=float, nargs=4, default=None, metavar=("FX", "FY", "CX", "CY"),
+        help="camera in pixels; else by the photo's EXIF tags, else a 60° view is assumed",
+    )
+    parser.add_argument("--depth", type=str, default=None, help="not supported yet: depth pictures are refused")
+    parser.add_argument("--out", type=str, default="kfit_out", help="folder to write to", metavar="DIR")
+    parser.add_argument("--seed", type=int, default=0, help="decides the random numbers")
+    parser.add_argument("--json", action="store_true", help="print the JSON instead of the line")
+    return parser
+
+
+def run(said: Namespace) -> None:
+    """Answer, write the two files, and print."""
+    if said.depth is not None:
+        raise ValueError("--depth cannot be used yet: kfit fits colour only; leave it out")
+    if (said.category is None) == (said.model is None):
+        raise ValueError("say what the object is: either --category NAME or --model FILE.safetensors")
+    if said.mask is not None and said.box is not None:
+        raise ValueError("--mask and --box were both given; the object is told by one of them")
+    import numpy as np  # noqa: PLC0415 — after the checks above, which need not wait for the imports
+
+    from kfit.models import load  # noqa: PLC0415
+    from kfit.segmentation import mask_from_file, read_photo  # noqa: PLC0415
+
+    if said.model is not None and not said.model.endswith(".safetensors"):
+        raise ValueError(f"--model must name a .safetensors file, got {said.model}")
+    model = load(said.model or said.category)
+    photo = read_photo(said.photo)
+    mask = None if said.mask is None else mask_from_file(said.mask, photo.image.shape[:2])
+    camera = None
+    if said.intrinsics is not None:
+        fx, fy, cx, cy = said.intrinsics
+        camera = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+    from kfit.callbacks import Progress  # noqa: PLC0415
+
+    pipeline = model.pipeline()
+    pipeline.callbacks.append(Progress())
+    box = None if said.box is None else tuple(said.box)
+    result = model.pose(said.photo, mask=mask, box=box, intrinsics=camera, seed=said.seed, pipeline=pipeline)
+    for note in result.notes:
+        print(f"kfit: {note}", file=sys.stderr)
+    overlay = write(result, photo.image, Path(said.out))
+    print(json.dumps(result.to_dict()) if said.json else f"{describe(result)} · {overlay}")
+
+
+def write(result: PoseResult, image: Any, folder: Path) -> Path:
+    """Write pose.json and overlay.png, each whole or not at all, and return the latter's path."""
+    import torch  # noqa: PLC0415
+    from skimage.io import imsave  # noqa: PLC0415
+
+    from kfit.reports import draw_overlay  # noqa: PLC0415
+
+    picture = draw_overlay(
+        image,
+        *(torch.from_numpy(part) for part in (result.rotation, result.translation, result.size, result.intrinsics)),
+        seen=result.observation.field("image")[0],
+        drawing=torch.from_numpy(result.drawing).movedim(-1, 0),
+        mask=result.mask,
+        caption=describe(result),
+    )
+    folder.mkdir(parents=True, exist_ok=True)
+    pose, overlay = folder / "pose.json", folder / "overlay.png"
+    for path, save in (
+        (pose, lambda p: p.write_text(json.dumps(result.to_dict(), indent=2) + "\n")),
+        (overlay, lambda p: imsave(p, picture, check_contrast=False)),
+    ):
+        temporary = path.with_name(f".partial_{path.name}")
+        save(temporary)
+        temporary.replace(path)
+    return overlay
+
+
+def describe(result: PoseResult) -> str:
+    """One line that a person can read."""
+    from kfit.geometry import CATEGORIES  # noqa: PLC0415
+
+    azimuth, elevation, roll = (math.degrees(float(result.fit.values[n][0])) for n in ("azimuth", "elevation", "roll"))
+    turned = "" if CATEGORIES[result.category].symmetry == "y" else f"turned {_wrapped(azimuth):.0f}°, "
+    sides = " × ".join(f"{100 * side:.0f}" for side in result.size)
+    return (
+        f"{result.category} {100 * result.translation[2]:.0f} cm away, {turned}seen from {_wrapped(elevation):.0f}° above, "
+        f"rolled {_wrapped(roll):.0f}°, {sides} cm, confidence {100 * result.confidence:.0f} %"
+    )
+
+
+def _wrapped(degrees: float) -> float:
+    return (degrees + 180) % 360 - 180

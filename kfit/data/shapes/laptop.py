@@ -1,0 +1,121 @@
+"""Laptops: a base with a keyboard and a lid with a screen that faces +x, NOCS's side for it; the width lies along z.
+
+In NOCS's CAMERA sample (val/00000/0000, instances 1 and 2) the object coordinates put the lid's top at the least x, the
+trackpad's edge at the greatest, the width along z (±0.36) and the user's left hand at +z.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from kfit.data.mesh import Mesh, join
+from kfit.data.shapes import colors, laptop_faces, textures
+from kfit.data.shapes.placing import FRONT_TO_X, shift, turn_x
+from kfit.data.shapes.primitives import revolve, rounded_rectangle, slab
+
+
+@dataclass(frozen=True)
+class Body:
+    """Ranges of one family, in widths: depth, thickness of base and lid, corners, taper to the front, hinge inset."""
+
+    depth: tuple[float, float]
+    base: tuple[float, float]
+    lid: tuple[float, float]
+    corner: tuple[float, float]
+    taper: float = 0.0
+    inset: tuple[float, float] = (0.0, 0.02)
+
+
+SHAPES = {
+    "slim": Body((0.66, 0.74), (0.03, 0.045), (0.012, 0.02), (0.02, 0.05)),
+    "wedge": Body((0.66, 0.72), (0.04, 0.06), (0.012, 0.02), (0.02, 0.05), taper=0.6),
+    "classic": Body((0.66, 0.78), (0.06, 0.1), (0.025, 0.04), (0.015, 0.04)),
+    "square": Body((0.76, 0.9), (0.05, 0.12), (0.02, 0.05), (0.01, 0.04)),
+    "netbook": Body((0.62, 0.72), (0.06, 0.11), (0.03, 0.05), (0.04, 0.08)),
+}
+HELD_OUT_SHAPES = {
+    "gaming": Body((0.68, 0.78), (0.06, 0.09), (0.02, 0.035), (0.005, 0.02), inset=(0.06, 0.12)),
+    "rounded": Body((0.66, 0.76), (0.035, 0.07), (0.015, 0.03), (0.09, 0.14), taper=0.3),
+}
+TEXTURES: dict[str, tuple[textures.Family, float]] = {
+    "off": (laptop_faces.off, 2.0),
+    "desktop": (laptop_faces.desktop, 1.5),
+    "windows": (laptop_faces.windows, 1.5),
+    "document": (laptop_faces.document, 1.0),
+    "wallpaper": (laptop_faces.wallpaper, 1.0),
+}
+HELD_OUT_TEXTURES: dict[str, tuple[textures.Family, float]] = {
+    "editor": (laptop_faces.editor, 1.0),
+    "film": (laptop_faces.film, 1.0),
+}
+
+
+def build(rng: np.random.Generator, held_out: bool) -> Mesh:
+    """A laptop in body widths, to be normalised by the caller."""
+    shapes = HELD_OUT_SHAPES if held_out else SHAPES
+    body = shapes[str(rng.choice(list(shapes)))]
+    screen = textures.choose(rng, HELD_OUT_TEXTURES if held_out else TEXTURES)
+    depth, base_height, lid_height = (float(rng.uniform(*span)) for span in (body.depth, body.base, body.lid))
+    outline = rounded_rectangle(1.0, depth, float(rng.uniform(*body.corner)))
+    shell = _shell(rng)
+    deck = shell if rng.random() < 0.55 else _shell(rng)
+    frame = colors.black(rng) if rng.random() < 0.65 else deck
+    edge = textures.solid(shell)
+    base = join(
+        slab(
+            outline,
+            0.0,
+            base_height,
+            rng.uniform(0.1, 0.5) * base_height,
+            (laptop_faces.deck(rng, deck, depth), edge, textures.solid(shell * rng.uniform(0.3, 1))),
+        )
+    )
+    # Only the underside climbs towards the front, so the deck stays level.
+    sloped = base.vertices.copy()
+    share = 1 - sloped[:, 1] / base_height
+    sloped[:, 1] += share * body.taper * base_height / depth * (sloped[:, 2] + depth / 2)
+    base = Mesh(sloped, base.faces, base.normals, base.uv, base.texture)
+    inset = float(rng.uniform(*body.inset))
+    lid_depth = depth * rng.uniform(0.94, 1.0) - inset
+    lid_outline = rounded_rectangle(1.0, lid_depth, float(rng.uniform(*body.corner)))
+    opening = np.deg2rad(np.clip(rng.normal(108, 13), 80, 140))
+    front = laptop_faces.screen(rng, screen, frame, lid_depth)
+    faces = (front, edge, laptop_faces.back(rng, shell, lid_depth, held_out))
+    lid = join(slab(lid_outline, -lid_height, 0.0, rng.uniform(0.2, 0.5) * lid_height, faces))
+    gap = lid_height * rng.uniform(0.3, 1.2)
+    hinge_z = -depth / 2 + inset + lid_height * 0.5
+    lid = lid.transformed(shift(0, 0, -lid_depth / 2 - gap))
+    lid = lid.transformed(shift(0, base_height, hinge_z) @ turn_x(np.pi - opening))
+    hinge = [part.transformed(shift(0, base_height, hinge_z)) for part in _hinge(rng, gap, lid_height, frame, shell)]
+    return join([base, lid, *hinge]).transformed(FRONT_TO_X)
+
+
+def _shell(rng: np.random.Generator) -> np.ndarray:
+    kinds = (
+        colors.metal,
+        colors.metal,
+        colors.metal,
+        colors.black,
+        colors.black,
+        colors.grey,
+        colors.white,
+        colors.hue,
+    )
+    return kinds[rng.integers(len(kinds))](rng)
+
+
+def _hinge(rng: np.random.Generator, gap: float, thickness: float, frame: np.ndarray, shell: np.ndarray) -> list[Mesh]:
+    """A barrel along the whole back, two short ones, or a bar in the middle, in the hinge's own frame."""
+    spans = (((-0.42, 0.42),), ((-0.4, -0.26), (0.26, 0.4)), ((-0.3, 0.3),))[rng.integers(3)]
+    radius = max(gap, thickness * 0.5)
+    tile = textures.solid(frame if rng.random() < 0.6 else shell * 0.8)
+    lying = np.array([[0.0, 1, 0, 0], [-1, 0, 0, 0], [0, 0, 1, 0]])
+    parts = []
+    for start, stop in spans:
+        wall = revolve(np.stack([np.full(12, radius), np.linspace(-stop, -start, 12)], axis=1), tile, 12)
+        ends = [(np.linspace(0, radius, 3), -stop), (np.linspace(radius, 0, 3), -start)]
+        discs = [revolve(np.stack([spread, np.full(3, at)], axis=1), tile, 12) for spread, at in ends]
+        parts += [part.transformed(lying) for part in (wall, *discs)]
+    return parts

@@ -1,0 +1,78 @@
+"""Feature against feature: the paper's energy."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from kfit.core import ResidualEnergy, frozen
+from kfit.core.check import check_names
+from kfit.energies.weighting import painted, shares
+from kfit.features import FeatureNetwork
+
+
+class Perceptual(ResidualEnergy):
+    """Mean squared difference of two pictures' features, averaged over a network's L layers.
+
+    E = 1/L Σ_l d_l², with d_l² = mean over channels and pixels of (F_l(x) − F_l(y))², divided by the mean square of
+    F_l(y) under ``normalize``; E = 1/L Σ_l d_l where not ``squared``. The features of the target are computed once, in
+    ``prepare``. The network is held frozen and in evaluation mode, without touching the one that was given.
+
+    Where the weight is 0 both pictures are painted white, so that hidden pixels stay out of the receptive fields of
+    others; each layer counts by the weight resized to it by area.
+
+    Shape: pictures (N, 3, H, W) in [0, 1]; weight (N, 1, H, W); energy (N,); residuals (N, Σ_l C_l·h_l·w_l).
+    Source: paper eq. for E(I, R, T, z), ‖F(I) − F(Î)‖₂; the released code takes the mean square at VGG19's
+    ``features[0..14]``, which is `VGG19` with layer "conv3_3".
+
+    Args:
+        network: maps pictures to features by layer; a module that returns one tensor has one layer.
+        squared: the released code's mean square; False for the paper's norm (here a root mean square).
+        normalize: divide each layer by the mean square of the target's features, so that layers count alike.
+            None normalizes where there is more than one layer.
+    """
+
+    def __init__(
+        self, network: FeatureNetwork | nn.Module, squared: bool = True, normalize: bool | None = None
+    ) -> None:
+        super().__init__()
+        self.network = frozen(network)
+        self.squared, self.normalize = squared, normalize
+
+    def train(self, mode: bool = True) -> Perceptual:
+        """Training mode for the energy, never for its network."""
+        super().train(mode)
+        self.network.eval()
+        return self
+
+    def prepare(self, target: Any, weight: Tensor | None = None) -> Any:
+        features = self._features(painted(target, weight))
+        normalize = len(features) > 1 if self.normalize is None else self.normalize
+        scale = {}
+        for name, feature in features.items():
+            share = shares(weight, feature)
+            if normalize:
+                mean_square = (feature.square() * share).sum((1, 2, 3), keepdim=True)
+                share = share / mean_square.clamp_min(1e-8)
+            scale[name] = share.sqrt()
+        return super().prepare(features, weight) | {"scale": scale}
+
+    def residuals(self, prediction: Any, prepared: Any) -> Tensor:
+        features = self._features(painted(prediction, prepared.get("weight")))
+        check_names("network", features, prepared["target"], complete=True)
+        parts = []
+        for name, target in prepared["target"].items():
+            part = ((features[name] - target) * prepared["scale"][name]).flatten(1)
+            if not self.squared:
+                # E = d as a sum of squares too: r = part / √d; the small number keeps the truth differentiable
+                part = part / (part.square().sum(1, keepdim=True) + 1e-12) ** 0.25
+            parts.append(part)
+        return torch.cat(parts, 1) / math.sqrt(len(parts))
+
+    def _features(self, image: Tensor) -> Mapping[str, Tensor]:
+        features: Mapping[str, Tensor] | Tensor = self.network(image)
+        return features if isinstance(features, Mapping) else {"output": features}

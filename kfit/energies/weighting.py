@@ -1,0 +1,44 @@
+"""What a per-pixel weight means to every energy."""
+
+from __future__ import annotations
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from kfit.core.check import check_shape
+
+
+def shares(weight: Tensor | None, like: Tensor) -> Tensor:
+    """Share of each number of ``like`` in its row's mean: w / (C · Σ_pixels w), so that a row's shares sum to 1.
+
+    A row whose weights are all 0 has shares of 0, and with them an energy of 0.
+
+    Args:
+        weight: (N, 1, H, W), not negative, resized by area to the size of ``like``; None counts all pixels alike.
+        like: (N, C, h, w).
+
+    Returns:
+        (N, 1, h, w), or (N, 1, 1, 1) where ``weight`` is None; float32 at least.
+
+    Raises:
+        ValueError: if ``weight`` has another shape or number of rows.
+    """
+    dtype = torch.promote_types(like.dtype, torch.float32)
+    if weight is None:
+        return torch.full((like.shape[0], 1, 1, 1), 1 / like[0].numel(), dtype=dtype, device=like.device)
+    check_shape("weight", weight, (like.shape[0], 1, "H", "W"))
+    weight = weight.to(dtype)
+    if weight.shape[-2:] != like.shape[-2:]:
+        weight = F.adaptive_avg_pool2d(weight, (like.shape[-2], like.shape[-1]))
+    total = like.shape[1] * weight.sum((1, 2, 3), keepdim=True)
+    return weight / torch.where(total > 0, total, 1)
+
+
+def painted(image: Tensor, weight: Tensor | None) -> Tensor:
+    """``image`` (N, C, H, W) with white, the background, wherever ``weight`` (N, 1, H, W) is 0.
+
+    Windows and receptive fields look past the pixel where they stand; painting both sides alike keeps what does not
+    count out of its neighbours too, so that a half-hidden object still has its least energy at the truth.
+    """
+    return image if weight is None else torch.where(weight > 0, image, 1.0)

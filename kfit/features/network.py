@@ -1,0 +1,54 @@
+"""What a feature network is."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+
+import torch
+from torch import Tensor, nn
+
+from kfit.core.check import check_shape
+
+
+class FeatureNetwork(nn.Module, ABC):
+    """A fixed network whose activations energies compare: always in evaluation mode, its weights never trained.
+
+    A subclass fills itself with weights and ends its constructor with ``self.freeze()``.
+
+    Args:
+        mean, std: what pictures are normalised by, one number a channel; ImageNet's unless given.
+    """
+
+    def __init__(
+        self,
+        mean: tuple[float, float, float] = (0.485, 0.456, 0.406),
+        std: tuple[float, float, float] = (0.229, 0.224, 0.225),
+    ) -> None:
+        super().__init__()
+        self.mean: Tensor
+        self.std: Tensor
+        self.register_buffer("mean", torch.tensor(mean).view(1, 3, 1, 1), persistent=False)
+        self.register_buffer("std", torch.tensor(std).view(1, 3, 1, 1), persistent=False)
+
+    @abstractmethod
+    def forward(self, image: Tensor) -> dict[str, Tensor]:
+        """Features (N, C, h, w) by layer of pictures (N, 3, H, W), RGB in [0, 1]."""
+
+    def normalized(self, image: Tensor) -> Tensor:
+        """``(image − mean) / std``, as the network was trained.
+
+        Raises:
+            ValueError: if ``image`` is not (N, 3, H, W).
+        """
+        check_shape("image", image, ("N", 3, "H", "W"))
+        return (image - self.mean) / self.std
+
+    def freeze(self) -> None:
+        """Ask for no gradients of the weights, and lay them out as convolutions on a CPU run fastest."""
+        self.requires_grad_(False).eval()
+        # 2 to 3 times the pictures a second of the usual layout, measured at 64x64 on two cores
+        self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+
+    def train(self, mode: bool = True) -> FeatureNetwork:
+        """Evaluation mode, whatever was asked for."""
+        return super().train(False)

@@ -1,0 +1,141 @@
+"""VGG16 and VGG19 without torchvision, on torchvision's published weights."""
+
+from __future__ import annotations
+
+import pickle
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import torch
+from safetensors import SafetensorError
+from safetensors.torch import load_file
+from torch import Tensor, nn
+
+from kfit.core.check import check_names
+from kfit.features.network import FeatureNetwork
+
+
+class _VGG(FeatureNetwork):
+    convolutions: tuple[int, ...]
+    url: str
+    megabytes: int
+
+    def __init__(self, layers: Sequence[str] = ("relu3_3",), weights: str | None = None) -> None:
+        super().__init__()
+        self.features = nn.Sequential()
+        self.layers: dict[int, str] = {}
+        known = _names(self.convolutions)
+        check_names("layers", layers, known)
+        if not layers:
+            raise ValueError(f"layers must name at least one of {', '.join(known)}")
+        last = max(known.index(name) for name in layers)
+        channels = 3
+        for index, name in enumerate(known[: last + 1]):
+            if name in layers:
+                self.layers[index] = name
+            if name.startswith("conv"):
+                width = min(64 * 2 ** (int(name[4]) - 1), 512)
+                self.features.append(nn.utils.skip_init(nn.Conv2d, channels, width, 3, padding=1))
+                channels = width
+            elif name.startswith("relu"):
+                # in place spares memory, and would overwrite a convolution that was asked for
+                self.features.append(nn.ReLU(inplace=known[index - 1] not in layers))
+            else:
+                self.features.append(nn.MaxPool2d(2))
+        self._fill(_read(weights) if weights is not None else self._fetch(), weights or self.url)
+        self.freeze()
+
+    def forward(self, image: Tensor) -> dict[str, Tensor]:
+        x, found = self.normalized(image), {}
+        for index, module in enumerate(self.features):
+            x = module(x)
+            if index in self.layers:
+                found[self.layers[index]] = x
+        return found
+
+    def _fill(self, state: Mapping[str, Tensor], source: str) -> None:
+        for name, parameter in self.named_parameters():
+            given = state.get(name)
+            if not isinstance(given, Tensor) or given.shape != parameter.shape:
+                came = f"of shape {tuple(given.shape)}" if isinstance(given, Tensor) else "missing"
+                raise ValueError(
+                    f"weights: {source} is not torchvision's {type(self).__name__}: {name} must have shape "
+                    f"{tuple(parameter.shape)} and is {came}"
+                )
+            parameter.data.copy_(given)
+
+    def _fetch(self) -> Mapping[str, Tensor]:
+        name, cache = type(self).__name__, Path(torch.hub.get_dir()) / "checkpoints"
+        file = self.url.rsplit("/", 1)[1]
+        if not (cache / file).exists():
+            print(f"kfit: fetching {name}'s weights ({self.megabytes} MB) from {self.url} to {cache}", file=sys.stderr)
+        try:
+            state: Mapping[str, Tensor] = torch.hub.load_state_dict_from_url(
+                self.url, map_location="cpu", check_hash=True, weights_only=True
+            )
+        except (OSError, RuntimeError, EOFError, pickle.UnpicklingError) as error:
+            raise RuntimeError(
+                f"{name}'s weights could not be had from {self.url} ({error}); fetch the file where there is a network "
+                f"and pass its path, {name}(weights='{file}'), or put it into {cache}"
+            ) from error
+        return state
+
+
+class VGG16(_VGG):
+    """VGG16 trained on ImageNet, up to the last layer that is asked for.
+
+    Layers are "conv1_1", "relu1_1", … "relu5_3", "pool1" … "pool5"; layer "relu3_3" of a (N, 3, H, W) picture is
+    (N, 256, H // 4, W // 4).
+
+    Source: Simonyan and Zisserman, 2015; weights as torchvision publishes them (BSD-3-Clause).
+
+    Args:
+        layers: names of the layers to give out.
+        weights: path of a .pth or .safetensors file with torchvision's names; None takes torchvision's published
+            file from torch.hub's cache, fetching it (528 MB) the first time.
+
+    Raises:
+        ValueError: for a layer that does not exist, or a file that is truncated or holds another network.
+        FileNotFoundError: if there is no file at ``weights``.
+        RuntimeError: if the published file can not be fetched.
+    """
+
+    convolutions = (2, 2, 3, 3, 3)
+    url = "https://download.pytorch.org/models/vgg16-397923af.pth"
+    megabytes = 528
+
+
+class VGG19(_VGG):
+    """VGG19 trained on ImageNet, up to the last layer that is asked for.
+
+    As `VGG16`, with layers up to "relu5_4"; its published file has 548 MB. The released code of the paper compares
+    layer "conv3_3".
+    """
+
+    convolutions = (2, 2, 4, 4, 4)
+    url = "https://download.pytorch.org/models/vgg19-dcbb9e9d.pth"
+    megabytes = 548
+
+
+def _names(convolutions: tuple[int, ...]) -> list[str]:
+    """Layer names in order: the position of a name is torchvision's number of the module."""
+    names = []
+    for block, count in enumerate(convolutions, 1):
+        names += [f"{kind}{block}_{i}" for i in range(1, count + 1) for kind in ("conv", "relu")]
+        names.append(f"pool{block}")
+    return names
+
+
+def _read(path: str) -> Mapping[str, Tensor]:
+    if not Path(path).is_file():
+        raise FileNotFoundError(f"weights: there is no file {path}")
+    try:
+        if path.endswith(".safetensors"):
+            return load_file(path)
+        state = torch.load(path, map_location="cpu", weights_only=True)
+    except (SafetensorError, RuntimeError, EOFError, OSError, pickle.UnpicklingError) as error:
+        raise ValueError(
+            f"weights: {path} can not be read; it must be a whole .pth or .safetensors file of tensors by name"
+        ) from error
+    return state if isinstance(state, Mapping) else {}

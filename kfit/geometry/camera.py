@@ -1,0 +1,147 @@
+"""Cameras: intrinsics, viewing rays, and the way from a fitted crop to a pose in the photo's camera."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import torch
+from kornia.geometry.conversions import quaternion_to_rotation_matrix
+from torch import Tensor
+
+from kfit.geometry.crop import Crop
+from kfit.geometry.pose import rotation_from_angles, to_opencv
+
+# Width of a unit diagonal at the object's centre over the width of the picture, as the generator draws it at scale 1.
+UNIT_FRACTION = 0.95
+# EXIF tag numbers (Exif 2.32, tables 8 and 9).
+_FOCAL_LENGTH, _FOCAL_LENGTH_35MM, _PIXELS_X, _PIXELS_Y = 0x920A, 0xA405, 0xA002, 0xA003
+_FOCAL_PLANE_X_RESOLUTION, _FOCAL_PLANE_UNIT = 0xA20E, 0xA210
+_UNIT_MM = {2: 25.4, 3: 10.0, 4: 1.0, 5: 1e-3}
+
+
+def intrinsics_from_fov(width: int, height: int, fov_deg: float = 60.0) -> Tensor:
+    """Intrinsics of an ideal camera that sees ``fov_deg`` along the photo's longer side.
+
+    f = max(width, height) / (2 tan(fov / 2)), principal point ((width − 1) / 2, (height − 1) / 2). The default lies
+    between a phone's main lens (26 mm on film: 67°) and a normal lens (50 mm: 39°); a wrong angle changes the distance
+    in proportion to f and tilts an object off the centre by a few degrees.
+
+    Returns:
+        (3, 3), pixels with centres at integers.
+
+    Raises:
+        ValueError: if a side is below 1 or the angle not between 0 and 180.
+    """
+    if min(width, height) < 1 or not 0 < fov_deg < 180:
+        raise ValueError(f"need a picture and an angle between 0 and 180, got {width} x {height} and {fov_deg:g}")
+    return _intrinsics(max(width, height) / (2 * math.tan(math.radians(fov_deg) / 2)), width, height)
+
+
+def intrinsics_from_exif(tags: Mapping[int, Any], width: int, height: int) -> Tensor | None:
+    """Intrinsics by a photo's EXIF tags, or None where they do not tell.
+
+    By FocalLengthIn35mmFilm F, which compares *diagonals* (CIPA DCG-001), f = F · √(width² + height²) / √(36² + 24²);
+    without it, by FocalLength times FocalPlaneXResolution, shrunk as the photo has been since it was taken.
+
+    Args:
+        tags: values by tag number, those of the Exif sub-directory among them.
+        width, height: of the photo as it is now, in pixels.
+
+    Returns:
+        (3, 3), pixels with centres at integers.
+    """
+    on_film = _number(tags, _FOCAL_LENGTH_35MM)
+    if on_film:
+        return _intrinsics(on_film * math.hypot(width, height) / math.hypot(36, 24), width, height)
+    focal, resolution = _number(tags, _FOCAL_LENGTH), _number(tags, _FOCAL_PLANE_X_RESOLUTION)
+    unit = _UNIT_MM.get(int(_number(tags, _FOCAL_PLANE_UNIT) or 2))
+    if not (focal and resolution and unit):
+        return None
+    taken = max(_number(tags, _PIXELS_X) or 0, _number(tags, _PIXELS_Y) or 0) or max(width, height)
+    return _intrinsics(focal * resolution / unit * max(width, height) / taken, width, height)
+
+
+def viewing_ray(pixel: Tensor, intrinsics: Tensor) -> Tensor:
+    """Unit direction (…, 3) in OpenCV axes of the ray through a pixel (…, 2); intrinsics (…, 3, 3)."""
+    homogeneous = torch.cat((pixel, torch.ones_like(pixel[..., :1])), -1)
+    ray = torch.linalg.solve(intrinsics.to(pixel), homogeneous[..., None])[..., 0]
+    unit: Tensor = ray / ray.norm(dim=-1, keepdim=True)
+    return unit
+
+
+def viewing_ray_rotation(pixel: Tensor, intrinsics: Tensor) -> Tensor:
+    """Smallest rotation that takes the optical axis to the ray through a pixel.
+
+    A crop off the photo's middle looks as if the camera had looked straight at it, so R_cam = R_ray · R_crop.
+
+    Args:
+        pixel: (…, 2).
+        intrinsics: (…, 3, 3).
+
+    Returns:
+        (…, 3, 3) in OpenCV axes, whose third column is the ray.
+    """
+    x, y, z = viewing_ray(pixel, intrinsics).unbind(-1)
+    # Unit vectors a and b: the quaternion (1 + a·b, a × b) turns a into b by the shortest way.
+    rotation: Tensor = quaternion_to_rotation_matrix(torch.stack((1 + z, -y, x, torch.zeros_like(z)), -1))
+    return rotation
+
+
+def pose_from_crop(
+    azimuth: Tensor,
+    elevation: Tensor,
+    roll: Tensor,
+    shift: Tensor,
+    scale: Tensor,
+    crop: Crop,
+    intrinsics: Tensor,
+    diagonal: float | Tensor,
+    unit_fraction: float = UNIT_FRACTION,
+) -> tuple[Tensor, Tensor]:
+    """Pose in the photo's camera of an object fitted in a crop of the photo.
+
+    The generator's camera looks straight at the *object's* centre, wherever the shift then moves the picture. So that
+    camera's axis is the ray through the pixel p = centre + side / 2 · (shift_x, −shift_y), at an angle θ to the photo's
+    axis, and R = R_ray · diag(1, −1, −1) · Rz(roll) Rx(elevation) Ry(azimuth). On this ray at distance t, a diagonal D
+    subtends D / t. A small angle spans f / cos²θ photo pixels along the radius and f / cos θ across it: as a similarity
+    has one scale, their geometric mean. It is seen as scale · unit_fraction · side pixels, hence
+
+        t = f · D / (scale · unit_fraction · side · cos^{3/2} θ),    translation = t · ray.
+
+    On the axis this is tz = f D / (scale · crop_px); off it the photo is stretched, which no similarity can follow:
+    by 1 / cos θ, that is 2 % at 10° and 10 % at 25°.
+
+    Args:
+        azimuth, elevation, roll: (N,) in radians.
+        shift: (N, 2) right and up, in half-widths of the picture.
+        scale: (N,) above 0.
+        crop: the square that was fitted.
+        intrinsics: (3, 3) or (N, 3, 3) of the photo.
+        diagonal: of the object's bounding box in metres, a number or (N,).
+        unit_fraction: width of a unit diagonal over the picture's, at scale 1.
+
+    Returns:
+        rotation (N, 3, 3) and translation (N, 3) in metres: object to camera, OpenCV axes.
+    """
+    offset = shift * shift.new_tensor([crop.side / 2, -crop.side / 2])
+    pixel = offset + shift.new_tensor(crop.centre)
+    rotation = viewing_ray_rotation(pixel, intrinsics) @ to_opencv(rotation_from_angles(azimuth, elevation, roll))
+    ray = viewing_ray(pixel, intrinsics)
+    focal = (intrinsics[..., 0, 0] + intrinsics[..., 1, 1]).to(shift) / 2
+    distance = focal * diagonal / (scale * unit_fraction * crop.side * ray[..., 2] ** 1.5)
+    return rotation, distance[..., None] * ray
+
+
+def _intrinsics(focal: float, width: int, height: int) -> Tensor:
+    return torch.tensor([[focal, 0.0, (width - 1) / 2], [0.0, focal, (height - 1) / 2], [0.0, 0.0, 1.0]])
+
+
+def _number(tags: Mapping[int, Any], tag: int) -> float | None:
+    """A tag as a number above 0; cameras write 0, 0/0 and worse for "unknown"."""
+    try:
+        number = float(tags[tag])
+    except (KeyError, TypeError, ValueError, ZeroDivisionError):
+        return None
+    return number if 0 < number < math.inf else None

@@ -1,0 +1,114 @@
+"""The square of a photo that a generator explains, and the way between its pixels and the photo's."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from kornia.geometry.transform import warp_affine
+from torch import Tensor
+from torch.nn.functional import avg_pool2d, pad
+
+from kfit.core import Observation
+from kfit.core.check import check_float, check_shape
+
+# Leaves the object 77 % of the square, so that its edges and some background weigh in; the released code adds 30 pixels
+# to the box, which for its boxes of some 100 pixels is the same. Shift and scale take up what differs.
+MARGIN = 1.3
+
+
+@dataclass(frozen=True)
+class Crop:
+    """A square of a photo, seen as a picture of ``size`` × ``size`` pixels.
+
+    Pixel centres are at integers in both, so the square spans [centre − side / 2, centre + side / 2] and the picture
+    [−1/2, size − 1/2].
+
+    Attributes:
+        centre: (x, y) in pixels of the photo; it need not be whole.
+        side: in pixels of the photo.
+        size: of the picture in its own pixels.
+    """
+
+    centre: tuple[float, float]
+    side: float
+    size: int = 64
+
+    @staticmethod
+    def around(mask: Any, size: int = 64) -> Crop:
+        """The square around the mask's bounding box, with side 1.3 · max(width, height).
+
+        Args:
+            mask: (H, W) array or tensor, above 1/2 on the object.
+            size: of the picture.
+
+        Raises:
+            ValueError: if the mask is empty or has another shape.
+        """
+        left, top, right, bottom = _bounds(torch.as_tensor(mask))
+        return Crop(((left + right - 1) / 2, (top + bottom - 1) / 2), MARGIN * max(right - left, bottom - top), size)
+
+    @property
+    def crop_to_image(self) -> Tensor:
+        """(3, 3) float64 that takes the picture's pixels (x, y, 1) to the photo's."""
+        step, middle = self.side / self.size, (self.size - 1) / 2
+        x, y = self.centre
+        rows = [[step, 0, x - step * middle], [0, step, y - step * middle], [0, 0, 1]]
+        return torch.tensor(rows, dtype=torch.float64)
+
+    @property
+    def image_to_crop(self) -> Tensor:
+        """(3, 3) float64 that takes the photo's pixels (x, y, 1) to the picture's."""
+        inverse: Tensor = torch.linalg.inv(self.crop_to_image)
+        return inverse
+
+    def cut(self, image: Any, mask: Any) -> Observation:
+        """What a fit is to explain: the object on white ground.
+
+        Each pixel of the picture is the mean of the part of the photo that it spans, so a large crop is not aliased.
+        Colour c is averaged premultiplied by the mask m, so no background bleeds in: ⟨m c⟩ + 1 − ⟨m⟩. Beyond the
+        photo's border the ground is white and the mask 0.
+
+        Args:
+            image: (H, W, 3) array or tensor in [0, 1].
+            mask: (H, W), 1 on the object; fractions blend.
+
+        Returns:
+            One problem with image (1, 3, size, size) and mask (1, 1, size, size), float32.
+
+        Raises:
+            TypeError, ValueError: if the image is not of floating point, shapes do not fit, or the mask is empty.
+        """
+        image, mask = torch.as_tensor(image), torch.as_tensor(mask)
+        check_float("image", image)
+        check_shape("image", image, ("H", "W", 3))
+        check_shape("mask", mask, (image.shape[0], image.shape[1]))
+        # All that is premultiplied is zero outside the mask's box, as is all that a warp finds beyond a border:
+        # so the box alone is warped, however large the photo.
+        left, top, right, bottom = _bounds(mask > 0)
+        alpha = mask[None, None, top:bottom, left:right].float()
+        colour = image[None, top:bottom, left:right].float().movedim(-1, 1)
+        pixels = torch.cat((colour * alpha, alpha), 1)
+        # Where a pixel of the picture spans many of the photo's, blocks an eighth of its size are averaged first.
+        block = max(1, int(self.side / self.size / 8))
+        pixels = avg_pool2d(pad(pixels, (0, -(right - left) % block, 0, -(bottom - top) % block)), block)
+        finer = max(1, math.ceil(self.side / self.size / block))
+        x, y = ((c - start - (block - 1) / 2) / block for c, start in zip(self.centre, (left, top), strict=True))
+        fine = Crop((x, y), self.side / block, self.size * finer)
+        to_fine = fine.image_to_crop[None, :2].float().to(image.device)
+        samples = warp_affine(pixels, to_fine, (fine.size, fine.size), align_corners=True)
+        picture = avg_pool2d(samples, finer)
+        alpha = picture[:, 3:].clamp(0, 1)
+        return Observation((picture[:, :3] + 1 - alpha).clamp(0, 1), alpha)
+
+
+def _bounds(mask: Tensor) -> tuple[int, int, int, int]:
+    """Left, top, right and bottom of the object's box, the latter two exclusive."""
+    check_shape("mask", mask, ("H", "W"))
+    there = mask > 0.5
+    columns, rows = there.any(0).nonzero(), there.any(1).nonzero()
+    if not len(columns):
+        raise ValueError(f"mask is empty: none of its {mask.shape[1]} x {mask.shape[0]} pixels is above 1/2")
+    return int(columns[0]), int(rows[0]), int(columns[-1]) + 1, int(rows[-1]) + 1

@@ -1,0 +1,19 @@
+"""Models of categories: files, loading, and the way from a photo to a pose."""
+
+from kfit.models.card import Card
+from kfit.models.category_model import CategoryModel
+from kfit.models.files import read_checkpoint, read_model, write_model
+from kfit.models.load import bundled, load
+from kfit.models.pose_result import Alternative, PoseResult
+
+__all__ = [
+    "Alternative",
+    "Card",
+    "CategoryModel",
+    "PoseResult",
+    "bundled",
+    "load",
+    "read_checkpoint",
+    "read_model",
+    "write_model",
+]

@@ -1,0 +1,107 @@
+"""How well a model finds the poses of objects that it has never seen."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from kfit.core import FitResult, Observation
+from kfit.data import build, pose_view
+from kfit.data.rasterizer import View
+from kfit.geometry import Crop, rotation_error, rotation_from_angles
+from kfit.models.category_model import CategoryModel
+from kfit.pipeline import FitPipeline
+
+# A mug "shows its handle" when the handle covers this share of the mask; else NOCS lets it turn freely.
+HANDLE_SHARE = 0.02
+
+
+@dataclass(frozen=True)
+class TestViews:
+    """Photos of unseen procedural objects, cut out as `CategoryModel.pose` cuts a photo, with their true poses.
+
+    Attributes:
+        observation: N problems.
+        rotation: (N, 3, 3) in the generator's y-up frame.
+        visible: (N,) False where a mug's handle is hidden.
+    """
+
+    observation: Observation
+    rotation: Tensor
+    visible: Tensor
+
+
+def unseen_views(model: CategoryModel, num_views: int, seed: int = 0, photo_size: int = 256) -> TestViews:
+    """Draw one view each of ``num_views`` objects of seeds and of shape and texture families held out of training.
+
+    Azimuths over the full circle, elevations over the card's range, the training camera; each is drawn as a photo of
+    ``photo_size`` pixels and cut out by its mask, so that scale and shift are unknown as they are in photos.
+    """
+    card = model.card
+    pieces, rotations, visible = [], [], []
+    for number in range(num_views):
+        # Far from the seeds that training and its validation count up from 0.
+        mesh, light = build(card.category, 1_000_000 + 1_000 * seed + number, held_out=True)
+        rng = np.random.default_rng([seed, number])
+        azimuth, elevation = rng.uniform(-math.pi, math.pi), math.radians(rng.uniform(*card.elevation_deg))
+        view = pose_view(mesh, elevation, azimuth, light, photo_size, card.distance, card.unit_fraction)
+        pieces.append(Crop.around(view.mask).cut(_unblended(view), view.mask))
+        rotations.append(rotation_from_angles(*torch.tensor([azimuth, elevation, 0.0], dtype=torch.float64)))
+        visible.append(card.category != "mug" or handle_share(view, mesh.extents) >= HANDLE_SHARE)
+    image, mask = (torch.cat([piece.field(name) for piece in pieces]) for name in ("image", "mask"))
+    keys = tuple(range(num_views))
+    return TestViews(Observation(image, mask, keys=keys), torch.stack(rotations), torch.tensor(visible))
+
+
+def handle_share(view: View, extents: NDArray[np.float32]) -> float:
+    """Share of a mug's mask that its handle covers: the points outside the body's cylinder about the y axis.
+
+    The body is round, so its radius is half the box's z side, and it touches the box's −x side.
+    """
+    radius = extents[2] / 2
+    x, z = view.coords[..., 0] + extents[0] / 2 - radius, view.coords[..., 2]
+    handle = (np.hypot(x, z) > 1.02 * radius) & (x > 0)
+    return float((view.mask * handle).sum() / view.mask.sum())
+
+
+def rotation_errors(
+    model: CategoryModel,
+    views: TestViews,
+    pipeline: FitPipeline | None = None,
+    batch_size: int = 10,
+    on_batch: Callable[[int], None] = lambda done: None,
+) -> tuple[Tensor, list[FitResult]]:
+    """Fit all views and compare: errors (N,) in degrees by the category's symmetry, NaN where a fit failed.
+
+    Args:
+        model: what is measured.
+        views: with their true poses.
+        pipeline: the model's own unless given.
+        batch_size: problems a fit; memory grows with it, answers do not change.
+        on_batch: told how many views are done.
+    """
+    pipeline = pipeline or model.pipeline()
+    errors, results = [], []
+    seen = views.observation
+    for first in range(0, seen.num_problems, batch_size):
+        rows = slice(first, first + batch_size)
+        piece = Observation(seen.field("image")[rows], seen.field("mask")[rows], keys=seen.keys[rows])
+        result = pipeline(piece, seed=0)
+        angles = (result.values[name].double() for name in ("azimuth", "elevation", "roll"))
+        found = rotation_from_angles(*angles)
+        errors.append(rotation_error(found, views.rotation[rows], model.card.known.symmetry).rad2deg())
+        results.append(result)
+        on_batch(min(first + batch_size, seen.num_problems))
+    return torch.cat(errors), results
+
+
+def _unblended(view: View) -> NDArray[np.float32]:
+    """The colours without the white ground that blends into their edges; the crop blends anew."""
+    colour = (view.image - (1 - view.mask[..., None])) / np.maximum(view.mask[..., None], 1e-3)
+    return np.clip(colour, 0, 1).astype(np.float32)

@@ -1,0 +1,245 @@
+"""A trained model of one category, and the way from a photo to a pose."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from kfit.callbacks import Pruning
+from kfit.core import Callback, Encoder, FitResult, Generator
+from kfit.energies import CodePrior, Perceptual, Silhouette
+from kfit.features import EfficientNetLite0
+from kfit.generators import ExtentsHead, SimilarityWarp
+from kfit.geometry import Crop, intrinsics_from_fov, pose_from_crop, rotation_error, rotation_from_angles, to_opencv
+from kfit.initializers import Constant, EncoderPosterior, SphereGrid
+from kfit.models.card import Card
+from kfit.models.pose_result import Alternative, PoseResult
+from kfit.optimizers import Adam
+from kfit.pipeline import FitPipeline
+from kfit.segmentation import mask_from_alpha, mask_from_box, read_photo
+
+# Raw units a step, as the released code fits (neural_object_fitting@7309348): half-turns for angles.
+RATES = {"code": 0.3, "azimuth": 0.03, "elevation": 0.01, "roll": 0.01, "shift": 0.03, "scale": 0.03}
+# Poses closer than this are one alternative.
+SAME_POSE_DEG = 20.0
+# An alternative weighs exp(−(E − E_best) / (0.1 · E_best)).
+RELATIVE_TEMPERATURE = 0.1
+
+
+class CategoryModel:
+    """A generator of one category with its encoder, ready to explain photos.
+
+    Args:
+        generator: of ``code``, ``azimuth`` and ``elevation``.
+        encoder: picture → Gaussian over the code.
+        extents: code → the object's normalised sides.
+        card: what is known about the three.
+    """
+
+    def __init__(self, generator: Generator, encoder: Encoder, extents: ExtentsHead, card: Card) -> None:
+        self.generator, self.encoder, self.extents, self.card = generator, encoder, extents, card
+
+    @staticmethod
+    def of(networks: dict[str, nn.Module], card: Card) -> CategoryModel:
+        """A model from a file's networks.
+
+        Raises:
+            ValueError: if one of them is not what its name says.
+        """
+        for name, kind in (("generator", Generator), ("encoder", Encoder), ("extents", ExtentsHead)):
+            if not isinstance(networks[name], kind):
+                raise ValueError(f"the {name} must be a {kind.__name__}, got {type(networks[name]).__name__}")
+        return CategoryModel(networks["generator"], networks["encoder"], networks["extents"], card)  # type: ignore[arg-type]
+
+    def pipeline(
+        self, num_starts: int = 32, num_steps: int = 50, callbacks: Sequence[Callback] | None = None
+    ) -> FitPipeline:
+        """The fit that `pose` runs: the paper's, with an energy that works offline.
+
+        Poses on an even grid over the sphere's valid part, codes from the encoder's posterior, Adam at the released
+        rates; E = features of EfficientNet-Lite0 + silhouette + 0.02 · code prior.
+
+        Args:
+            num_starts, num_steps: as in `kfit.FitPipeline`.
+            callbacks: pruning to 12 starts at step 8 and 6 at step 20 unless given.
+        """
+        return FitPipeline(
+            SimilarityWarp(self.generator),
+            {"perceptual": Perceptual(EfficientNetLite0()), "silhouette": Silhouette(), "prior": CodePrior()},
+            [
+                SphereGrid(elevation_deg=(0.0, 60.0)),
+                EncoderPosterior(self.encoder),
+                Constant({"roll": 0.0, "shift": 0.0, "scale": 1.0}),
+            ],
+            Adam(RATES, betas=(0.5, 0.999)),
+            weights={"prior": 0.02},
+            callbacks=[Pruning({8: 12, 20: 6})] if callbacks is None else callbacks,
+            num_starts=num_starts,
+            num_steps=num_steps,
+        )
+
+    def pose(
+        self,
+        image: str | Path | NDArray[Any],
+        mask: NDArray[Any] | None = None,
+        box: tuple[float, float, float, float] | None = None,
+        intrinsics: NDArray[Any] | Tensor | None = None,
+        *,
+        seed: int = 0,
+        pipeline: FitPipeline | None = None,
+    ) -> PoseResult:
+        """Find the object's pose, size and look in a photo.
+
+        The mask is the one given, else GrabCut's in ``box``, else the file's alpha channel, else GrabCut's in the whole
+        picture. Intrinsics are those given, else by the file's EXIF tags, else those of a camera that sees 60° along
+        the longer side. Distance and size in metres rest on the category's mean size.
+
+        Args:
+            image: path of a photo, or (H, W, 3) RGB: uint8, or floating point in [0, 1].
+            mask: (H, W), above 0 on the object.
+            box: left, top, width, height in pixels.
+            intrinsics: (3, 3).
+            seed: decides the random numbers.
+            pipeline: another fit than that of `pipeline`; its generator needs the same variables.
+
+        Raises:
+            FileNotFoundError, ValueError: for a photo, mask, box or intrinsics that cannot be used, in one sentence.
+        """
+        notes: list[str] = []
+        alpha, known = None, None
+        if isinstance(image, str | Path):
+            photo = read_photo(image)
+            pixels, known = photo.image, photo.intrinsics
+            alpha = None if photo.alpha is None else mask_from_alpha(photo.alpha)
+        else:
+            pixels = _as_photo(image)
+        found = _mask(pixels, mask, box, alpha, notes)
+        camera, came_from = _camera(pixels, intrinsics, known, notes)
+        crop = Crop.around(found, self._image_size)
+        observation = crop.cut(pixels, found)
+        result = (pipeline or self.pipeline())(observation, seed=seed)
+        return self._answer(result, found, crop, camera, came_from, notes, observation)
+
+    @property
+    def _image_size(self) -> int:
+        return int(getattr(self.generator, "image_size", 64))
+
+    def _answer(
+        self,
+        fit: FitResult,
+        mask: NDArray[np.float32],
+        crop: Crop,
+        camera: Tensor,
+        came_from: str,
+        notes: list[str],
+        observation: Any,
+    ) -> PoseResult:
+        values = {name: value.double() for name, value in fit.values.items()}
+        angles = (values["azimuth"], values["elevation"], values["roll"])
+        rotation, translation = pose_from_crop(
+            *angles, values["shift"], values["scale"], crop, camera.double(), self.card.mean_diagonal,
+            self.card.unit_fraction,
+        )
+        with torch.no_grad():
+            extents = self.extents(fit.values["code"])[0].double()
+            drawing = SimilarityWarp(self.generator)(**fit.values).image[0].permute(1, 2, 0)
+        # From the crop's virtual camera to the photo's: the same turn for every start, up to their shifts.
+        turn = rotation[0] @ to_opencv(rotation_from_angles(*angles))[0].mT
+        alternatives = self._alternatives(fit, turn)
+        rows, columns = np.nonzero(mask > 0.5)
+        left, top = int(columns.min()), int(rows.min())
+        return PoseResult(
+            category=self.card.category,
+            rotation=rotation[0].numpy(),
+            translation=translation[0].numpy(),
+            size=(extents * self.card.mean_diagonal).numpy(),
+            bbox_xywh=(left, top, int(columns.max()) + 1 - left, int(rows.max()) + 1 - top),
+            energy=float(fit.energy[0]),
+            confidence=alternatives[0].weight,
+            alternatives=alternatives,
+            intrinsics=camera.double().numpy(),
+            intrinsics_from=came_from,
+            notes=notes,
+            mask=mask,
+            crop=crop,
+            observation=observation,
+            drawing=drawing.numpy(),
+            fit=fit,
+        )
+
+    def _alternatives(self, fit: FitResult, turn: Tensor) -> list[Alternative]:
+        values = {name: value.double() for name, value in fit.all_values.items()}
+        rotation = turn @ to_opencv(rotation_from_angles(values["azimuth"], values["elevation"], values["roll"]))
+        energy = fit.all_energy.double()
+        best = fit.energy.double()[0]
+        weight = torch.softmax(-(energy - best) / (RELATIVE_TEMPERATURE * best.abs() + 1e-9), 0)
+        left = torch.ones_like(energy, dtype=torch.bool)
+        winner = int((fit.all_start == fit.start[0]).nonzero()[0])
+        groups: list[Alternative] = []
+        while left.any():
+            # The answer's group first, then that of the best start that is left.
+            head = int(energy.masked_fill(~left, torch.inf).argmin()) if groups else winner
+            apart = rotation_error(rotation[head], rotation, self.card.known.symmetry).rad2deg()
+            group = left & (apart <= SAME_POSE_DEG)
+            groups.append(Alternative(rotation[head].numpy(), float(energy[head]), float(weight[group].sum())))
+            left &= ~group
+        return groups[:1] + sorted(groups[1:], key=lambda group: -group.weight)
+
+
+def _as_photo(image: NDArray[Any]) -> NDArray[np.float32]:
+    pixels = np.asarray(image)
+    if pixels.ndim != 3 or pixels.shape[2] != 3 or 0 in pixels.shape:
+        raise ValueError(f"image must have shape (H, W, 3), got {pixels.shape}")
+    if pixels.dtype == np.uint8:
+        return pixels.astype(np.float32) / np.float32(255)
+    if not np.issubdtype(pixels.dtype, np.floating):
+        raise ValueError(f"image must be uint8 or floating point in [0, 1], got {pixels.dtype}")
+    if not (np.isfinite(pixels).all() and pixels.min() >= 0 and pixels.max() <= 1):
+        raise ValueError(f"image must lie in [0, 1], got numbers from {pixels.min():g} to {pixels.max():g}")
+    return pixels.astype(np.float32)
+
+
+def _mask(
+    pixels: NDArray[np.float32],
+    mask: NDArray[Any] | None,
+    box: tuple[float, float, float, float] | None,
+    alpha: NDArray[np.float32] | None,
+    notes: list[str],
+) -> NDArray[np.float32]:
+    if mask is not None and box is not None:
+        raise ValueError("mask and box were both given; the object is told by one of them")
+    if mask is not None:
+        given = np.asarray(mask)
+        if given.shape != pixels.shape[:2]:
+            raise ValueError(f"mask must have the photo's shape {pixels.shape[:2]}, got {given.shape}")
+        if not (given > 0).any():
+            raise ValueError("mask is empty: none of its pixels is above 0")
+        return (given > 0).astype(np.float32)
+    if box is not None:
+        return mask_from_box(pixels, box)
+    if alpha is not None:
+        return alpha
+    height, width = pixels.shape[:2]
+    notes.append("no mask or box given: the object was taken to be what stands out in the whole picture")
+    return mask_from_box(pixels, (0.04 * width, 0.04 * height, 0.92 * width, 0.92 * height))
+
+
+def _camera(
+    pixels: NDArray[np.float32], intrinsics: NDArray[Any] | Tensor | None, known: Tensor | None, notes: list[str]
+) -> tuple[Tensor, str]:
+    if intrinsics is not None:
+        given = torch.as_tensor(intrinsics, dtype=torch.float64)
+        if given.shape != (3, 3) or not bool(torch.isfinite(given).all()) or min(given[0, 0], given[1, 1]) <= 0:
+            raise ValueError(f"intrinsics must be (3, 3) with focal lengths above 0, got {given.tolist()}")
+        return given, "given"
+    if known is not None:
+        return known, "EXIF"
+    height, width = pixels.shape[:2]
+    notes.append("intrinsics assumed: a camera that sees 60° along the photo's longer side; distance depends on it")
+    return intrinsics_from_fov(width, height, 60.0), "assumed"

@@ -1,0 +1,99 @@
+"""Model files: safetensors beside a JSON card, read as data and never as code."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import torch
+from safetensors import SafetensorError
+from safetensors.torch import load_file, save_file
+from torch import nn
+
+from kfit.models.card import Card
+
+NETWORKS = ("generator", "encoder", "extents")
+
+
+def write_model(path: Path, networks: dict[str, nn.Module], card: Card) -> None:
+    """Write ``path`` (.safetensors, half precision) and its card beside it, each through a temporary name."""
+    numbers = {
+        f"{name}.{key}": tensor.half().contiguous()
+        for name, network in networks.items()
+        for key, tensor in network.state_dict().items()
+    }
+    path.parent.mkdir(parents=True, exist_ok=True)
+    for target, write in ((path, lambda p: save_file(numbers, p)), (path.with_suffix(".json"), card.write)):
+        temporary = target.with_name(target.name + ".partial")
+        write(temporary)
+        temporary.replace(target)
+
+
+def read_model(path: Path) -> tuple[dict[str, nn.Module], Card]:
+    """Read a model's networks, in evaluation mode, and its card.
+
+    Raises:
+        FileNotFoundError: if a file is missing.
+        ValueError: if one is damaged, or the weights do not fit the networks that the card names.
+    """
+    if not path.is_file():
+        raise FileNotFoundError(f"no model at {path}; train one with `lightning fit` and pack it with `kfit pack`")
+    card = Card.read(path.with_suffix(".json"))
+    try:
+        numbers = load_file(path)
+    except (SafetensorError, OSError) as error:
+        raise ValueError(f"{path} is damaged or no safetensors file: {error}") from None
+    networks = {}
+    for name in NETWORKS:
+        network = _build(card.networks.get(name), name, path)
+        own = {key.removeprefix(f"{name}."): t.float() for key, t in numbers.items() if key.startswith(f"{name}.")}
+        try:
+            network.load_state_dict(own)
+        except RuntimeError:
+            raise ValueError(f"{path} does not fit its card: the weights are not those of the {name} named there") from None
+        networks[name] = network.eval()
+    return networks, card
+
+
+def read_checkpoint(path: Path) -> tuple[dict[str, nn.Module], dict[str, Any]]:
+    """Read the networks and hyperparameters that `kfit.training.ConditionalVAE` saved through ``lightning fit``.
+
+    Where the training averaged weights, they are the averages.
+
+    Raises:
+        FileNotFoundError: if there is no such file.
+        ValueError: if it is no such checkpoint.
+    """
+    if not path.is_file():
+        raise FileNotFoundError(f"no checkpoint at {path}")
+    try:
+        saved = torch.load(path, map_location="cpu", weights_only=True)
+        said, numbers = saved["hyper_parameters"], saved["state_dict"]
+        saved["datamodule_hyper_parameters"]["category"]
+    except Exception as error:
+        reason = str(error).splitlines()[0]
+        raise ValueError(f"{path} is no checkpoint of kfit.training.ConditionalVAE by `lightning fit`: {reason}") from None
+    networks = {}
+    for name in NETWORKS:
+        network = _build(said.get(name), name, path)
+        network.load_state_dict({k.removeprefix(f"{name}."): t for k, t in numbers.items() if k.startswith(f"{name}.")})
+        networks[name] = network.eval()
+    return networks, saved
+
+
+def _build(said: Any, name: str, path: Path) -> nn.Module:
+    """The network that a file names. Only kfit's classes and those of modules that the caller has imported already are
+    built, so that a file cannot have code imported or a function called."""
+    if not (isinstance(said, dict) and isinstance(said.get("class_path"), str)):
+        raise ValueError(f"{path} names no class for the {name}")
+    module, _, kind = said["class_path"].rpartition(".")
+    if module.split(".")[0] == "kfit":
+        import kfit.generators  # noqa: F401, PLC0415 — the home of kfit's own networks; loading torch before is in vain
+    found = getattr(sys.modules.get(module), kind, None)
+    if not (isinstance(found, type) and issubclass(found, nn.Module)):
+        raise ValueError(f"{path} names {said['class_path']} as {name}: no network of kfit, nor of a module imported before")
+    try:
+        return found(**said.get("init_args", {}))
+    except (TypeError, ValueError, RuntimeError) as error:
+        raise ValueError(f"{path}: {said['class_path']} cannot be built as its card says: {error}") from None

@@ -1,0 +1,30 @@
+"""Finding a model by its category or its path."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from kfit.models.category_model import CategoryModel
+from kfit.models.files import read_model
+
+BUNDLED = Path(__file__).parent / "bundled"
+
+
+def bundled() -> list[str]:
+    """Categories whose models come with kfit."""
+    return sorted(path.stem for path in BUNDLED.glob("*.safetensors"))
+
+
+def load(model: str | Path) -> CategoryModel:
+    """Load a bundled model by its category, or one of your own by the path of its .safetensors file.
+
+    Raises:
+        ValueError: for a category without a bundled model, or a damaged file.
+        FileNotFoundError: if a file is missing.
+    """
+    name = str(model)
+    if not name.endswith(".safetensors"):
+        if name not in bundled():
+            raise ValueError(f"category {name!r} has no bundled model; those known are {', '.join(bundled())}")
+        return CategoryModel.of(*read_model(BUNDLED / f"{name}.safetensors"))
+    return CategoryModel.of(*read_model(Path(name)))

@@ -1,0 +1,96 @@
+"""The answer to "where is this object?"."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import torch
+from kornia.geometry.conversions import rotation_matrix_to_quaternion
+from numpy.typing import NDArray
+
+from kfit.core import FitResult, Observation
+from kfit.geometry import Crop
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """One of the poses that the fit found.
+
+    Attributes:
+        rotation: (3, 3).
+        energy: of its best start.
+        weight: share of the surviving starts' weight, in [0, 1]; all alternatives' sum to 1.
+    """
+
+    rotation: NDArray[np.float64]
+    energy: float
+    weight: float
+
+
+@dataclass(frozen=True)
+class PoseResult:
+    """Pose, size and look of one object in one photo.
+
+    Attributes:
+        category: of the model.
+        rotation: (3, 3), object (NOCS axes, y up) to camera (OpenCV: x right, y down, z forward).
+        translation: (3,) of the object's centre, in metres.
+        size: (3,) sides of the object's box along its own axes, in metres.
+        bbox_xywh: left, top, width, height of the mask's box, in pixels.
+        energy: of the winning start; lower is better.
+        confidence: weight of the answer among the alternatives, in [0, 1]; not a probability of being right.
+        alternatives: distinct poses, the answer first, then by weight.
+        intrinsics: (3, 3) that translation rests on.
+        intrinsics_from: "given", "EXIF" or "assumed".
+        notes: sentences on what was assumed.
+        mask: (H, W) that was used.
+        crop: the square that was fitted.
+        observation: what was seen in it.
+        drawing: (S, S, 3) the winner's picture.
+        fit: everything about the fit.
+    """
+
+    category: str
+    rotation: NDArray[np.float64]
+    translation: NDArray[np.float64]
+    size: NDArray[np.float64]
+    bbox_xywh: tuple[int, int, int, int]
+    energy: float
+    confidence: float
+    alternatives: list[Alternative]
+    intrinsics: NDArray[np.float64]
+    intrinsics_from: str
+    notes: list[str]
+    mask: NDArray[np.float32] = field(repr=False)
+    crop: Crop = field(repr=False)
+    observation: Observation = field(repr=False)
+    drawing: NDArray[np.float32] = field(repr=False)
+    fit: FitResult = field(repr=False)
+
+    @property
+    def quaternion_wxyz(self) -> NDArray[np.float64]:
+        """The rotation as a unit quaternion, real part first and not negative."""
+        quaternion = rotation_matrix_to_quaternion(torch.from_numpy(self.rotation)[None])[0].numpy()
+        return quaternion if quaternion[0] >= 0 else -quaternion
+
+    def to_dict(self) -> dict[str, Any]:
+        """What ``pose.json`` holds: numbers, lists and strings only."""
+        return {
+            "category": self.category,
+            "rotation": self.rotation.tolist(),
+            "quaternion_wxyz": self.quaternion_wxyz.tolist(),
+            "translation": self.translation.tolist(),
+            "size": self.size.tolist(),
+            "bbox_xywh": list(self.bbox_xywh),
+            "energy": self.energy,
+            "confidence": self.confidence,
+            "alternatives": [
+                {"rotation": a.rotation.tolist(), "energy": a.energy, "weight": a.weight} for a in self.alternatives
+            ],
+            "intrinsics": self.intrinsics.tolist(),
+            "intrinsics_from": self.intrinsics_from,
+            "intrinsics_assumed": self.intrinsics_from == "assumed",
+            "notes": self.notes,
+        }

