@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import torch
 from torch import Tensor, nn
-from torch.utils import _pytree as pytree
 
 from kfit.core import (
     Callback,
@@ -27,8 +26,8 @@ from kfit.core import (
     frozen,
 )
 from kfit.core.check import check_names
-from kfit.core.contracts import Need
 from kfit.core.recorder import Recorder
+from kfit.judge import Judge
 from kfit.selectors import LowestEnergy
 
 
@@ -53,8 +52,8 @@ class FitPipeline(nn.Module):
         num_steps: steps of the optimizer; the last iterate is evaluated too.
 
     Raises:
-        ValueError: for weights or rates of unknown names, variables that no or two initializers set, and fields that
-            nothing can provide.
+        ValueError: for weights or rates of unknown names, variables that no or two initializers set, priors on unknown
+            variables, and rank weights that are all 0.
     """
 
     def __init__(
@@ -72,7 +71,7 @@ class FitPipeline(nn.Module):
     ) -> None:
         super().__init__()
         if num_starts < 1 or num_steps < 0:
-            raise ValueError(f"num_starts must be at least 1 and num_steps at least 0, got {num_starts} and {num_steps}")
+            raise ValueError(f"num_starts must be at least 1, num_steps at least 0, got {num_starts} and {num_steps}")
         if not energies:
             raise ValueError("energies must name at least one energy, got none")
         check_names("weights", weights or {}, energies)
@@ -84,12 +83,18 @@ class FitPipeline(nn.Module):
         self.energies = frozen(nn.ModuleDict(energies))
         self.initializers = list(initializers)
         self.optimizer = optimizer
-        self.weights: dict[str, float | Schedule] = {name: 1.0 for name in energies} | (weights or {})
+        self.weights: dict[str, float | Schedule] = {**dict.fromkeys(energies, 1.0), **(weights or {})}
         self.rank_weights = rank_weights
         self.selector = selector or LowestEnergy()
         self.callbacks = list(callbacks)
         self.num_starts, self.num_steps = num_starts, num_steps
         self._check_initializers(generator)
+        if not any((rank_weights or self._weights_at(num_steps)).values()):
+            raise ValueError("rank_weights must hold a number other than 0, or no start is better than another")
+        # Initializers are no modules: what networks they hold are registered, so that `to` moves these too.
+        held = [value for initializer in self.initializers for value in vars(initializer).values()]
+        self.networks = nn.ModuleList(value for value in held if isinstance(value, nn.Module))
+        self.eval()
         optimizer.init({name: torch.zeros(1, *v.shape) for name, v in generator.variables.items()})
 
     def _check_initializers(self, generator: Generator) -> None:
@@ -97,7 +102,11 @@ class FitPipeline(nn.Module):
         check_names("initializers", named, generator.variables, complete=True)
         twice = sorted({name for name in named if named.count(name) > 1})
         if twice:
-            raise ValueError(f"initializers: {', '.join(twice)} set by two initializers; each variable needs exactly one")
+            raise ValueError(f"initializers: {', '.join(twice)} set by two initializers; each variable needs one")
+
+    def train(self, mode: bool = True) -> FitPipeline:
+        """Stays in evaluation mode, also as a part of a module in training: its networks are frozen."""
+        return super().train(False)
 
     def _weights_at(self, step: int) -> dict[str, float]:
         return {k: w(step, self.num_steps) if isinstance(w, Schedule) else w for k, w in self.weights.items()}
@@ -110,19 +119,24 @@ class FitPipeline(nn.Module):
             seed: with the problems' keys it decides every random number; taken from torch's generator unless given.
 
         Raises:
+            ValueError: for an observation without pictures or without a field that an energy compares.
             FitError: if every start of every problem became NaN or infinite.
         """
         # A fit inside `trainer.predict` finds inference mode on, under which no gradient can be asked for.
         with torch.inference_mode(False), torch.no_grad():
-            return self._fit(observation.map(torch.clone) if observation.image.is_inference() else observation, seed)
+            return self._fit(observation.map(lambda tensor: tensor.clone() if tensor.is_inference() else tensor), seed)
 
     def _fit(self, observation: Observation, seed: int | None) -> FitResult:
+        if observation.num_problems == 0:
+            raise ValueError("observation must hold at least one picture, got none")
         seed = int(torch.randint(2**31, ())) if seed is None else seed
         device, count = observation.image.device, observation.num_problems
         problem = torch.arange(count, device=device).repeat_interleave(self.num_starts)
         start = torch.arange(self.num_starts, device=device).repeat(count)
         raw = self._start(observation, seed)
-        judge = _Judge(self, observation)
+        terms: dict[str, Energy | Prior] = dict(self.energies.items())  # type: ignore[arg-type]
+        rank_weights = self.rank_weights or self._weights_at(self.num_steps)
+        judge = Judge(self.generator, terms, rank_weights, observation)
         nothing = raw[next(iter(raw))].new_full((len(problem),), torch.inf)
         state = FitState(0, self.num_steps, problem, start, raw, {}, nothing, {}, nothing, {}, self.optimizer.init(raw))
         for callback in self.callbacks:
@@ -153,7 +167,7 @@ class FitPipeline(nn.Module):
         for initializer in self.initializers:
             # Each initializer draws from its own stream, so exchanging one leaves the numbers of the others alone.
             rngs = [
-                torch.Generator().manual_seed(_mix(seed, key, initializer.on[0]))
+                torch.Generator().manual_seed(_mix(seed, key, ",".join(initializer.on)))
                 for key in observation.keys or (0,) * observation.num_problems
             ]
             values = initializer(variables, observation, self.num_starts, rngs)
@@ -211,69 +225,6 @@ class FitPipeline(nn.Module):
             dropped=recorder.dropped,
             num_evaluations=num_evaluations,
         )
-
-
-class _Judge:
-    """Draws and compares rows; holds the targets' features, computed once a fit."""
-
-    def __init__(self, pipeline: FitPipeline, observation: Observation) -> None:
-        self.generator = pipeline.generator
-        self.spaces = {name: variable.space for name, variable in pipeline.generator.variables.items()}
-        self.terms: Mapping[str, Energy | Prior] = dict(pipeline.energies.items())  # type: ignore[arg-type]
-        self.rank_weights = pipeline.rank_weights or pipeline._weights_at(pipeline.num_steps)
-        self.weights: dict[str, float] = {}
-        self.num_evaluations = 0
-        self.prepared = {
-            name: energy.prepare(_fields(observation, energy.on), observation.weight)
-            for name, energy in self.terms.items()
-            if isinstance(energy, Energy)
-        }
-        self._rows: tuple[Tensor, Any] | None = None
-
-    def __call__(self, raw: Variables, problem: Tensor, need: Need = "value") -> Evaluation:
-        if need == "residuals":
-            raise ValueError("this pipeline offers energies and gradients; residuals come with Levenberg–Marquardt")
-        self.num_evaluations += len(problem)
-        wants = need == "gradient"
-        with torch.set_grad_enabled(wants):
-            leaves = {name: tensor.detach().requires_grad_(wants) for name, tensor in raw.items()}
-            values = {name: self.spaces[name].to_value(leaf) for name, leaf in leaves.items()}
-            rendering = self.generator(**values)
-            terms = {}
-            for name, term in self.terms.items():
-                if not self.weights[name] and not self.rank_weights.get(name):
-                    continue
-                if isinstance(term, Prior):
-                    terms[name] = term(values[term.on])
-                else:
-                    terms[name] = term.compare(_fields(rendering, term.on), self._gather(problem)[name])
-            energy = torch.stack([self.weights[name] * term for name, term in terms.items()]).sum(0)
-            gradient = None
-            if wants:
-                slopes = torch.autograd.grad(energy.sum(), list(leaves.values()), allow_unused=True)
-                gradient = {
-                    name: torch.zeros_like(leaf) if slope is None else slope
-                    for (name, leaf), slope in zip(leaves.items(), slopes, strict=True)
-                }
-        ranked = [self.rank_weights.get(name, 0.0) * term.detach() for name, term in terms.items()]
-        return Evaluation(
-            energy=energy.detach(),
-            ranking=torch.stack(ranked).sum(0),
-            terms={name: term.detach() for name, term in terms.items()},
-            values={name: value.detach() for name, value in values.items()},
-            gradient=gradient,
-        )
-
-    def _gather(self, problem: Tensor) -> Any:
-        """The targets' features for these rows, gathered anew only when the rows have changed."""
-        if self._rows is None or not torch.equal(self._rows[0], problem):
-            rows = pytree.tree_map_only(Tensor, lambda tensor: tensor.index_select(0, problem), self.prepared)
-            self._rows = (problem, rows)
-        return self._rows[1]
-
-
-def _fields(source: Observation | Any, on: str | tuple[str, ...]) -> Any:
-    return source.field(on) if isinstance(on, str) else {name: source.field(name) for name in on}
 
 
 def _tail(rows: Tensor, like: Tensor) -> Tensor:

@@ -17,6 +17,8 @@ class Progress(Callback):
         self._bar: Bar | None = None
 
     def on_start(self, state: FitState) -> None:
+        if self._bar is not None:  # of a fit that broke off
+            self._bar.stop()
         console = Console(file=sys.stderr)
         self._bar = Bar(console=console, transient=True, disable=not console.is_terminal)
         self._task = self._bar.add_task("fitting", total=state.num_steps + 1)

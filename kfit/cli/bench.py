@@ -51,14 +51,14 @@ def accuracy(said: Namespace) -> None:
         raise ValueError("--card needs --model FILE.safetensors, whose card is written to")
     if said.views < 1:
         raise ValueError(f"--views must be at least 1, got {said.views}")
-    import torch  # noqa: PLC0415 — the checks above need not wait for the imports
-    from rich.console import Console  # noqa: PLC0415
-    from rich.progress import Progress  # noqa: PLC0415
-    from rich.table import Table  # noqa: PLC0415
+    import torch
+    from rich.console import Console
+    from rich.progress import Progress
+    from rich.table import Table
 
-    from kfit.metrics import summary  # noqa: PLC0415
-    from kfit.models import load  # noqa: PLC0415
-    from kfit.models.accuracy import rotation_errors, unseen_views  # noqa: PLC0415
+    from kfit.metrics import summary
+    from kfit.models import load
+    from kfit.models.accuracy import rotation_errors, unseen_views
 
     model = load(said.model or said.category)
     views = unseen_views(model, said.views, said.seed)
@@ -67,7 +67,9 @@ def accuracy(said: Namespace) -> None:
     begun = time.perf_counter()
     with Progress(console=console, disable=not console.is_terminal) as bar:
         task = bar.add_task("fitting", total=said.views)
-        errors, results = rotation_errors(model, views, pipeline, on_batch=lambda done: bar.update(task, completed=done))
+        errors, results = rotation_errors(
+            model, views, pipeline, on_batch=lambda done: bar.update(task, completed=done)
+        )
     spent = (time.perf_counter() - begun) / said.views
     drawn = sum(result.num_evaluations for result in results) / said.views
     shares = {"all views": summary(errors)}
@@ -77,14 +79,18 @@ def accuracy(said: Namespace) -> None:
     table = Table("views", "number", "median", "< 5°", "< 10°", "< 30°", "< 60°", title=model.card.category)
     for name, row in shares.items():
         table.add_row(
-            name, str(counts[name]), f"{row['median']:.1f}°", *(f"{100 * row[f'under_{t}']:.0f} %" for t in (5, 10, 30, 60))
+            name,
+            str(counts[name]),
+            f"{row['median']:.1f}°",
+            *(f"{100 * row[f'under_{t}']:.0f} %" for t in (5, 10, 30, 60)),
         )
     Console(width=110).print(table)
     print(f"{drawn:.0f} pictures drawn and {spent:.2f} s a view, {torch.get_num_threads()} threads")
     if said.card:
         schedule = {"starts": said.starts, "steps": said.steps, "pruned": said.prune, "seed": said.seed}
         model.card.accuracy["unseen procedural objects, held-out families"] = {
-            **schedule, **{name: {"number": counts[name], **row} for name, row in shares.items()}
+            **schedule,
+            **{name: {"number": counts[name], **row} for name, row in shares.items()},
         }
         model.card.write(Path(said.model).with_suffix(".json"))
         print(json.dumps(shares), file=sys.stderr)

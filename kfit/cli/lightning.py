@@ -9,6 +9,8 @@ from collections.abc import Sequence
 from lightning.pytorch import LightningDataModule, LightningModule
 from lightning.pytorch.cli import LightningCLI
 
+COMMANDS = ("fit", "validate", "test", "predict")
+
 
 def main(args: Sequence[str] | None = None) -> None:
     """Run Lightning's command line: fit, validate, test or predict, as a recipe says.
@@ -29,5 +31,7 @@ def main(args: Sequence[str] | None = None) -> None:
         auto_configure_optimizers=False,
         seed_everything_default=0,
         save_config_kwargs={"overwrite": True},
+        # The usage that would be listed otherwise names some eighty options before it comes to what is wrong.
+        parser_kwargs={name: {"usage": f"lightning {name} -c RECIPE [--OPTION VALUE …]"} for name in COMMANDS},
         args=list(args) if args is not None else None,
     )

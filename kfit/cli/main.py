@@ -20,7 +20,8 @@ def parser() -> ArgumentParser:
     top = ArgumentParser(
         prog="kfit",
         version=__version__,
-        description="Fit a picture: find pose, shape and look of an object by drawing it until the drawing explains the photo.",
+        description="Fit a picture: find pose, shape and look of an object by drawing it until the drawing explains "
+        "the photo.",
         epilog=f"Training: kfit {{{','.join(TRAINING)}}} -c recipes/vae3d.yaml, the same as `lightning`.",
     )
     commands = top.add_subcommands(metavar="COMMAND", help="what to do; `kfit COMMAND --help` tells more")
@@ -40,7 +41,7 @@ def main(args: Sequence[str] | None = None) -> None:
     words = list(sys.argv[1:] if args is None else args)
     try:
         if words and words[0] in TRAINING:
-            from kfit.cli import lightning  # noqa: PLC0415 — Lightning takes seconds to import
+            from kfit.cli import lightning
 
             lightning.main(words)
             return

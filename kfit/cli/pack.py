@@ -25,13 +25,13 @@ def run(said: Namespace) -> None:
     out = Path(said.out)
     if out.suffix != ".safetensors":
         raise ValueError(f"--out must end in .safetensors, got {said.out}")
-    import torch  # noqa: PLC0415 — the check above need not wait for it
+    import torch
 
-    from kfit import __version__  # noqa: PLC0415
-    from kfit.data.rasterizer import DISTANCE  # noqa: PLC0415
-    from kfit.data.shapes import VERSION  # noqa: PLC0415
-    from kfit.geometry import CATEGORIES  # noqa: PLC0415
-    from kfit.models import Card, read_checkpoint, write_model  # noqa: PLC0415
+    from kfit import __version__
+    from kfit.data.rasterizer import DISTANCE
+    from kfit.data.shapes import VERSION
+    from kfit.geometry import CATEGORIES
+    from kfit.models import Card, read_checkpoint, write_model
 
     networks, saved = read_checkpoint(Path(said.checkpoint))
     model, data = saved["hyper_parameters"], dict(saved["datamodule_hyper_parameters"])

@@ -27,14 +27,24 @@ def parser() -> ArgumentParser:
     )
     parser.add_argument("photo", type=str, help="a picture file; its alpha channel, if any, tells where the object is")
     parser.add_argument("--category", type=str, default=None, help="kind of object: a bundled model's name")
-    parser.add_argument("--model", type=str, default=None, help="a .safetensors model of your own, instead of --category")
+    parser.add_argument(
+        "--model", type=str, default=None, help="a .safetensors model of your own, instead of --category"
+    )
     parser.add_argument("--mask", type=str, default=None, help="a picture of the photo's size, not 0 on the object")
     parser.add_argument(
-        "--box", type=float, nargs=4, default=None, metavar=("X", "Y", "W", "H"),
+        "--box",
+        type=float,
+        nargs=4,
+        default=None,
+        metavar=("X", "Y", "W", "H"),
         help="tight box around the object in pixels; GrabCut finds the object in it",
     )
     parser.add_argument(
-        "--intrinsics", type=float, nargs=4, default=None, metavar=("FX", "FY", "CX", "CY"),
+        "--intrinsics",
+        type=float,
+        nargs=4,
+        default=None,
+        metavar=("FX", "FY", "CX", "CY"),
         help="camera in pixels; else by the photo's EXIF tags, else a 60° view is assumed",
     )
     parser.add_argument("--depth", type=str, default=None, help="not supported yet: depth pictures are refused")
@@ -52,10 +62,10 @@ def run(said: Namespace) -> None:
         raise ValueError("say what the object is: either --category NAME or --model FILE.safetensors")
     if said.mask is not None and said.box is not None:
         raise ValueError("--mask and --box were both given; the object is told by one of them")
-    import numpy as np  # noqa: PLC0415 — after the checks above, which need not wait for the imports
+    import numpy as np
 
-    from kfit.models import load  # noqa: PLC0415
-    from kfit.segmentation import mask_from_file, read_photo  # noqa: PLC0415
+    from kfit.models import load
+    from kfit.segmentation import mask_from_file, read_photo
 
     if said.model is not None and not said.model.endswith(".safetensors"):
         raise ValueError(f"--model must name a .safetensors file, got {said.model}")
@@ -66,7 +76,7 @@ def run(said: Namespace) -> None:
     if said.intrinsics is not None:
         fx, fy, cx, cy = said.intrinsics
         camera = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
-    from kfit.callbacks import Progress  # noqa: PLC0415
+    from kfit.callbacks import Progress
 
     pipeline = model.pipeline()
     pipeline.callbacks.append(Progress())
@@ -80,14 +90,20 @@ def run(said: Namespace) -> None:
 
 def write(result: PoseResult, image: Any, folder: Path) -> Path:
     """Write pose.json and overlay.png, each whole or not at all, and return the latter's path."""
-    import torch  # noqa: PLC0415
-    from skimage.io import imsave  # noqa: PLC0415
+    import torch
+    from skimage.io import imsave
 
-    from kfit.reports import draw_overlay  # noqa: PLC0415
+    from kfit.reports import draw_overlay
 
+    rotation, translation, size, camera = (
+        torch.from_numpy(part) for part in (result.rotation, result.translation, result.size, result.intrinsics)
+    )
     picture = draw_overlay(
         image,
-        *(torch.from_numpy(part) for part in (result.rotation, result.translation, result.size, result.intrinsics)),
+        rotation,
+        translation,
+        size,
+        camera,
         seen=result.observation.field("image")[0],
         drawing=torch.from_numpy(result.drawing).movedim(-1, 0),
         mask=result.mask,
@@ -107,14 +123,15 @@ def write(result: PoseResult, image: Any, folder: Path) -> Path:
 
 def describe(result: PoseResult) -> str:
     """One line that a person can read."""
-    from kfit.geometry import CATEGORIES  # noqa: PLC0415
+    from kfit.geometry import CATEGORIES
 
     azimuth, elevation, roll = (math.degrees(float(result.fit.values[n][0])) for n in ("azimuth", "elevation", "roll"))
     turned = "" if CATEGORIES[result.category].symmetry == "y" else f"turned {_wrapped(azimuth):.0f}°, "
     sides = " × ".join(f"{100 * side:.0f}" for side in result.size)
+    away, above, rolled = 100 * result.translation[2], _wrapped(elevation), _wrapped(roll)
     return (
-        f"{result.category} {100 * result.translation[2]:.0f} cm away, {turned}seen from {_wrapped(elevation):.0f}° above, "
-        f"rolled {_wrapped(roll):.0f}°, {sides} cm, confidence {100 * result.confidence:.0f} %"
+        f"{result.category} {away:.0f} cm away, {turned}seen from {above:.0f}° above, rolled {rolled:.0f}°, "
+        f"{sides} cm, confidence {100 * result.confidence:.0f} %"
     )
 
 

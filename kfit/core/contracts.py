@@ -16,7 +16,7 @@ from typing import Any, Literal, Protocol
 import torch
 from torch import Tensor, nn
 
-from kfit.core.check import check_names
+from kfit.core.check import check_names, check_shape
 from kfit.core.state import FitResult, FitState, Observation, Rendering
 from kfit.core.variables import Variable, Variables
 
@@ -39,24 +39,38 @@ class Generator(nn.Module, ABC):
     def bind(self, **fixed: Tensor) -> Generator:
         """The same generator with some variables held at one value (\\*shape) for all rows.
 
-        A generator for which holding a variable saves work overrides this.
+        A generator for which holding a variable saves work overrides this. With all variables held it draws one row.
 
         Raises:
-            ValueError: for a name that is no variable of this generator.
+            ValueError: for a name that is no variable of this generator, or a value of another shape.
         """
         return _Bound(self, fixed)
+
+
+def check_bound(generator: Generator, fixed: Variables) -> None:
+    """Refuse values to be held that are no variables of the generator, or of another shape than one value.
+
+    Raises:
+        TypeError, ValueError: naming the variable.
+    """
+    check_names("bind", fixed, generator.variables)
+    for name, value in fixed.items():
+        check_shape(f"bind: {name}", value, generator.variables[name].shape)
 
 
 class _Bound(Generator):
     def __init__(self, generator: Generator, fixed: Variables) -> None:
         super().__init__()
-        check_names("bind", fixed, generator.variables)
-        self.generator, self.fixed = generator, fixed
+        check_bound(generator, fixed)
+        self.generator, self.held = generator, tuple(fixed)
         self.variables = {k: v for k, v in generator.variables.items() if k not in fixed}
+        for name, value in fixed.items():
+            self.register_buffer(f"held_{name}", value.detach(), persistent=False)
 
     def forward(self, **values: Tensor) -> Rendering:
         rows = next(iter(values.values())).shape[0] if values else 1
-        held = {k: v.expand(rows, *v.shape) for k, v in self.fixed.items()}
+        fixed = {name: self.get_buffer(f"held_{name}") for name in self.held}
+        held = {k: v.expand(rows, *v.shape) for k, v in fixed.items()}
         rendering: Rendering = self.generator(**values, **held)
         return rendering
 
@@ -189,7 +203,9 @@ class Optimizer(ABC):
         """
 
     @abstractmethod
-    def step(self, evaluate: Evaluate, raw: Variables, problem: Tensor, memory: Any) -> tuple[Variables, Evaluation, Any]:
+    def step(
+        self, evaluate: Evaluate, raw: Variables, problem: Tensor, memory: Any
+    ) -> tuple[Variables, Evaluation, Any]:
         """One step: the new raw variables, the evaluation *at the old ones*, and the new memory."""
 
 

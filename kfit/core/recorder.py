@@ -36,17 +36,19 @@ class Recorder:
 
     def history(self) -> History:
         """Everything noted, as tensors (T, B, S, …) with NaN where a row was gone."""
-        names = {name for step in self._steps for name in step[2]}
+        names = sorted({name for step in self._steps for name in step[2]})
         values = self._steps[0][3]
         return History(
             energy=self._grid([(rows, energy) for rows, energy, _, _ in self._steps]),
-            terms={n: self._grid([(s[0], s[2][n]) for s in self._steps if n in s[2]]) for n in sorted(names)},
+            # A term whose weight was 0 at a step was not computed there.
+            terms={name: self._grid([(s[0], s[2].get(name)) for s in self._steps]) for name in names},
             values={name: self._grid([(s[0], s[3][name]) for s in self._steps]) for name in values},
         )
 
-    def _grid(self, steps: list[tuple[Tensor, Tensor]]) -> Tensor:
-        tail = steps[0][1].shape[1:]
-        grid = steps[0][1].new_full((len(steps), self.num_problems * self.num_starts, *tail), torch.nan)
+    def _grid(self, steps: list[tuple[Tensor, Tensor | None]]) -> Tensor:
+        like = next(tensor for _, tensor in steps if tensor is not None)
+        grid = like.new_full((len(steps), self.num_problems * self.num_starts, *like.shape[1:]), torch.nan)
         for line, (rows, tensor) in zip(grid, steps, strict=True):
-            line[rows] = tensor
-        return grid.view(len(steps), self.num_problems, self.num_starts, *tail)
+            if tensor is not None:
+                line[rows] = tensor
+        return grid.view(len(steps), self.num_problems, self.num_starts, *like.shape[1:])

@@ -68,6 +68,8 @@ class Observation(_Fields):
         for name in ("mask", "depth", "depth_valid", "weight"):
             if getattr(self, name) is not None:
                 check_shape(name, getattr(self, name), (rows, 1, height, width))
+                if name in ("mask", "depth"):
+                    check_float(name, getattr(self, name))
         if self.intrinsics is not None:
             check_shape("intrinsics", self.intrinsics, (rows, 3, 3))
         if self.keys and len(self.keys) != rows:
@@ -136,7 +138,7 @@ class History:
 
     Attributes:
         energy: (T, B, S).
-        terms: (T, B, S) each, unweighted.
+        terms: (T, B, S) each, unweighted; NaN also at steps at which a term had no weight and was not computed.
         values: (T, B, S, \\*shape) each.
     """
 

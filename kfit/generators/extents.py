@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
@@ -20,4 +21,5 @@ class ExtentsHead(nn.Module):
 
     def forward(self, code: Tensor) -> Tensor:
         """Extents (N, 3) of codes (N, D), positive, each row of length 1."""
-        return F.normalize(F.softplus(self.layers(code).float()) + 1e-3, dim=1)
+        sides = self.layers(code)
+        return F.normalize(F.softplus(sides.to(torch.promote_types(sides.dtype, torch.float32))) + 1e-3, dim=1)

@@ -104,4 +104,5 @@ def rotation_errors(
 def _unblended(view: View) -> NDArray[np.float32]:
     """The colours without the white ground that blends into their edges; the crop blends anew."""
     colour = (view.image - (1 - view.mask[..., None])) / np.maximum(view.mask[..., None], 1e-3)
-    return np.clip(colour, 0, 1).astype(np.float32)
+    clipped: NDArray[np.float32] = np.clip(colour, 0, 1).astype(np.float32)
+    return clipped

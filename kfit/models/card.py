@@ -67,7 +67,9 @@ class Card:
             raise ValueError(f"{path} is not a model card: {error}") from None
         names = {f.name for f in fields(Card)}
         if not isinstance(said, dict) or set(said) != names or said["format"] != FORMAT:
-            raise ValueError(f"{path} is not a model card of format {FORMAT}: it must hold just {', '.join(sorted(names))}")
+            raise ValueError(
+                f"{path} is not a model card of format {FORMAT}: it must hold just {', '.join(sorted(names))}"
+            )
         if said["category"] not in CATEGORIES:
             raise ValueError(f"{path} names category {said['category']!r}; those known are {', '.join(CATEGORIES)}")
         return Card(**{**said, "elevation_deg": tuple(said["elevation_deg"])})

@@ -143,7 +143,12 @@ class CategoryModel:
         values = {name: value.double() for name, value in fit.values.items()}
         angles = (values["azimuth"], values["elevation"], values["roll"])
         rotation, translation = pose_from_crop(
-            *angles, values["shift"], values["scale"], crop, camera.double(), self.card.mean_diagonal,
+            *angles,
+            values["shift"],
+            values["scale"],
+            crop,
+            camera.double(),
+            self.card.mean_diagonal,
             self.card.unit_fraction,
         )
         with torch.no_grad():

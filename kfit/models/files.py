@@ -51,7 +51,9 @@ def read_model(path: Path) -> tuple[dict[str, nn.Module], Card]:
         try:
             network.load_state_dict(own)
         except RuntimeError:
-            raise ValueError(f"{path} does not fit its card: the weights are not those of the {name} named there") from None
+            raise ValueError(
+                f"{path} does not fit its card: the weights are not those of the {name} named there"
+            ) from None
         networks[name] = network.eval()
     return networks, card
 
@@ -73,7 +75,9 @@ def read_checkpoint(path: Path) -> tuple[dict[str, nn.Module], dict[str, Any]]:
         saved["datamodule_hyper_parameters"]["category"]
     except Exception as error:
         reason = str(error).splitlines()[0]
-        raise ValueError(f"{path} is no checkpoint of kfit.training.ConditionalVAE by `lightning fit`: {reason}") from None
+        raise ValueError(
+            f"{path} is no checkpoint of kfit.training.ConditionalVAE by `lightning fit`: {reason}"
+        ) from None
     networks = {}
     for name in NETWORKS:
         network = _build(said.get(name), name, path)
@@ -89,10 +93,12 @@ def _build(said: Any, name: str, path: Path) -> nn.Module:
         raise ValueError(f"{path} names no class for the {name}")
     module, _, kind = said["class_path"].rpartition(".")
     if module.split(".")[0] == "kfit":
-        import kfit.generators  # noqa: F401, PLC0415 — the home of kfit's own networks; loading torch before is in vain
+        import kfit.generators  # noqa: F401 — the home of kfit's own networks; loading torch before is in vain
     found = getattr(sys.modules.get(module), kind, None)
     if not (isinstance(found, type) and issubclass(found, nn.Module)):
-        raise ValueError(f"{path} names {said['class_path']} as {name}: no network of kfit, nor of a module imported before")
+        raise ValueError(
+            f"{path} names {said['class_path']} as {name}: no network of kfit, nor of a module imported before"
+        )
     try:
         return found(**said.get("init_args", {}))
     except (TypeError, ValueError, RuntimeError) as error:

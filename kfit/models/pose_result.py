@@ -72,7 +72,9 @@ class PoseResult:
     @property
     def quaternion_wxyz(self) -> NDArray[np.float64]:
         """The rotation as a unit quaternion, real part first and not negative."""
-        quaternion = rotation_matrix_to_quaternion(torch.from_numpy(self.rotation)[None])[0].numpy()
+        quaternion: NDArray[np.float64] = rotation_matrix_to_quaternion(torch.from_numpy(self.rotation)[None])[
+            0
+        ].numpy()
         return quaternion if quaternion[0] >= 0 else -quaternion
 
     def to_dict(self) -> dict[str, Any]:

@@ -41,7 +41,9 @@ class Adam(Optimizer):
         # The count is kept for each row so that it survives pruning with the rest.
         return {"mean": zeros, "square": dict(zeros), "count": first.new_zeros(len(first))}
 
-    def step(self, evaluate: Evaluate, raw: Variables, problem: torch.Tensor, memory: Any) -> tuple[Variables, Evaluation, Any]:
+    def step(
+        self, evaluate: Evaluate, raw: Variables, problem: torch.Tensor, memory: Any
+    ) -> tuple[Variables, Evaluation, Any]:
         seen = evaluate(raw, problem, need="gradient")
         assert seen.gradient is not None  # asked for one line above
         low, high = self.betas

@@ -22,11 +22,16 @@ class RotationVote(Selector):
         symmetry: ``"y"`` compares vertical axes only.
         top: voters.
         within_deg: degrees within which two rotations agree.
+
+    Raises:
+        ValueError: for no voters, a negative angle, or a symmetry of another name.
     """
 
     def __init__(self, symmetry: Literal["none", "y"] = "none", top: int = 5, within_deg: float = 10.0) -> None:
         if top < 1 or within_deg < 0:
             raise ValueError(f"RotationVote: top must be ≥ 1 and within_deg ≥ 0, got {top} and {within_deg:g}")
+        if symmetry not in ("none", "y"):
+            raise ValueError(f"RotationVote: symmetry must be 'none' or 'y', got {symmetry!r}")
         self.symmetry, self.top, self.within = symmetry, top, math.radians(within_deg)
 
     def __call__(self, energy: Tensor, values: Variables, problem: Tensor) -> Tensor:

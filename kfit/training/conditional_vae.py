@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shutil
 import warnings
 from typing import Any
@@ -11,10 +12,12 @@ from lightning.pytorch import LightningModule
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from kfit.core import Encoder, Energy, Generator, Rendering
+from kfit.core import Encoder, Energy, Generator, Rendering, frozen
 from kfit.core.check import check_names
 from kfit.generators import ExtentsHead
 from kfit.training.jitter import Jitter
+
+TAKEN = {"extents", "kl", "l1", "loss"}  # in the log, beside the losses
 
 
 class ConditionalVAE(LightningModule):
@@ -25,13 +28,14 @@ class ConditionalVAE(LightningModule):
     D_KL = mean_n Σ_d ½ (μ² + σ² − 1 − log σ²) in nats, summed over the code and averaged over the batch, where each
     energy averages over pixels and channels. (The released code averages KL over the code and never adds it.)
 
-    Batches are those of `kfit.data.ViewsDataModule`.
+    Batches are those of `kfit.data.ViewsDataModule`; without extents in them, extents are not learned.
 
     Args:
         generator: of variables ``code``, ``azimuth`` and ``elevation``.
         encoder: picture → Gaussian over the code.
         extents: code → the object's three sides.
-        losses: energies of drawing against target, by name; each on the field that it names.
+        losses: energies of drawing against target, by name; each on the field that it names. They are frozen here,
+            so that networks in them are not trained.
         loss_weights: by name; 1 where not given.
         kl_weight: λ.
         extents_weight: w_ext.
@@ -41,7 +45,8 @@ class ConditionalVAE(LightningModule):
             Without a C++ compiler training goes on uncompiled.
 
     Raises:
-        ValueError: for loss weights of unknown names.
+        ValueError: for loss weights of unknown names, losses of names that are taken, and, when training starts, a
+            trainer without an end.
     """
 
     def __init__(
@@ -59,15 +64,16 @@ class ConditionalVAE(LightningModule):
     ) -> None:
         super().__init__()
         check_names("loss_weights", loss_weights or {}, losses)
+        if taken := sorted(TAKEN & set(losses)):
+            raise ValueError(f"losses: {', '.join(taken)} is a name that is taken; name the loss otherwise")
         with warnings.catch_warnings():
-            # Built by hand, the networks come as modules: Lightning warns, and they are taken out again below.
+            # From a recipe the networks come as words. Built by hand they come as modules: Lightning warns, and they
+            # are taken out again, also from what it shows to loggers.
             warnings.simplefilter("ignore")
             self.save_hyperparameters()
-        for name in [key for key, value in self.hparams.items() if isinstance(value, (nn.Module, dict, Jitter))]:
-            if not _is_plain(self.hparams[name]):
-                del self.hparams[name]
+        self.save_hyperparameters(ignore=[name for name, value in self.hparams.items() if not _is_plain(value)])
         self.generator, self.encoder, self.extents = generator, encoder, extents
-        self.losses = nn.ModuleDict(losses)
+        self.losses = frozen(nn.ModuleDict(losses)).train()
         self.loss_weights = {name: 1.0 for name in losses} | (loss_weights or {})
         self.kl_weight, self.extents_weight, self.rate = kl_weight, extents_weight, rate
         self.jitter, self.compiles = jitter, compile
@@ -79,6 +85,9 @@ class ConditionalVAE(LightningModule):
                 return
             self.generator.compile()
             self.encoder.compile()
+
+    def on_train_start(self) -> None:
+        self.losses.eval()  # not before, or Lightning warns of modules in evaluation mode
 
     def forward(self, image: Tensor, azimuth: Tensor, elevation: Tensor) -> Rendering:
         """Draw the objects of pictures (N, 3, S, S) from other sides, each (N,) in radians."""
@@ -93,7 +102,8 @@ class ConditionalVAE(LightningModule):
         drawn = self.generator(code=code, azimuth=batch["azimuth"], elevation=batch["elevation"])
         divergence = 0.5 * (mean.square() + log_variance.exp() - 1 - log_variance).sum(1).mean()
         terms = self._compare(drawn, batch)
-        terms["extents"] = F.l1_loss(self.extents(code), batch["extents"])
+        if "extents" in batch:
+            terms["extents"] = F.l1_loss(self.extents(code), batch["extents"])
         weights = self.loss_weights | {"extents": self.extents_weight}
         loss = sum((weights[name] * term for name, term in terms.items()), self.kl_weight * divergence)
         self.log_dict({f"train/{k}": v.detach() for k, v in terms.items()} | {"train/kl": divergence.detach()})
@@ -103,26 +113,36 @@ class ConditionalVAE(LightningModule):
     def validation_step(self, batch: dict[str, Tensor], batch_idx: int) -> None:
         drawn = self(batch["source"], batch["azimuth"], batch["elevation"])
         terms = self._compare(drawn, batch)
-        terms["l1"] = F.l1_loss(drawn.image, batch["target"])
-        terms["extents"] = F.l1_loss(self.extents(self.encoder(batch["source"])[0]), batch["extents"])
+        if "extents" in batch:
+            terms["extents"] = F.l1_loss(self.extents(self.encoder(batch["source"])[0]), batch["extents"])
         size = len(batch["target"])
-        self.log_dict({f"val/{k}": v for k, v in terms.items() if k != "l1"}, batch_size=size, sync_dist=True)
-        self.log("val/l1", terms["l1"], prog_bar=True, batch_size=size, sync_dist=True)
+        self.log_dict({f"val/{k}": v for k, v in terms.items()}, batch_size=size, sync_dist=True)
+        away = F.l1_loss(drawn.image, batch["target"])
+        self.log("val/l1", away, prog_bar=True, batch_size=size, sync_dist=True)
 
     def _compare(self, drawn: Rendering, batch: dict[str, Tensor]) -> dict[str, Tensor]:
-        target = Rendering(batch["target"], batch["target_mask"], batch["target_depth"])
+        target = Rendering(batch["target"], batch["target_mask"], batch.get("target_depth"))
         return {
-            name: energy(_read(drawn, energy.on), _read(target, energy.on)).mean()
+            name: energy(_read(drawn, energy.on), _read(target, energy.on)).mean()  # type: ignore[arg-type]
             for name, energy in self.losses.items()
         }
 
     def configure_optimizers(self) -> Any:
-        # The losses' own networks are frozen; nothing of them is to be trained.
-        trained = [p for p in self.parameters() if p.requires_grad]
-        adam = torch.optim.Adam(trained, lr=self.rate)
-        total = max(1, int(self.trainer.estimated_stepping_batches))
-        schedule = torch.optim.lr_scheduler.OneCycleLR(adam, self.rate, total, pct_start=0.05, cycle_momentum=False)
+        adam = torch.optim.Adam([p for p in self.parameters() if p.requires_grad], lr=self.rate)
+        total = self.trainer.estimated_stepping_batches
+        if total == math.inf:
+            raise ValueError("the trainer needs max_epochs or max_steps: the rate falls towards the end of training")
+        # Not OneCycleLR: that keeps its end in the checkpoint, so a run could not be resumed for more epochs.
+        schedule = torch.optim.lr_scheduler.LambdaLR(adam, lambda step: _share(step, int(total)))
         return {"optimizer": adam, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
+
+
+def _share(step: int, total: int) -> float:
+    """Share of the largest rate: up over the first twentieth of the steps, then down as a cosine."""
+    rise = max(1, total // 20)
+    if step < rise:
+        return (step + 1) / (rise + 1)
+    return (1 + math.cos(math.pi * min(1.0, (step - rise) / max(1, total - rise)))) / 2
 
 
 def _read(rendering: Rendering, on: str | tuple[str, ...]) -> Any:

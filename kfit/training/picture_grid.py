@@ -28,33 +28,43 @@ class PictureGrid(Callback):
         self._shown: dict[str, Tensor] | None = None
 
     def on_validation_batch_end(
-        self, trainer: Trainer, pl_module: LightningModule, outputs: Any, batch: Any, batch_idx: int,
+        self,
+        trainer: Trainer,
+        pl_module: LightningModule,
+        outputs: Any,
+        batch: Any,
+        batch_idx: int,
         dataloader_idx: int = 0,
     ) -> None:
         if batch_idx == 0:
             # Rows from different objects: a batch holds the views of one object one after another.
             rows = torch.linspace(0, len(batch["target"]) - 1, min(self.num_objects, len(batch["target"]))).long()
-            self._shown = {name: batch[name][rows.to(batch[name].device)] for name in
-                           ("source", "target", "azimuth", "elevation")}
+            self._shown = {
+                name: batch[name][rows.to(batch[name].device)] for name in ("source", "target", "azimuth", "elevation")
+            }
 
     def on_validation_epoch_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        home = trainer.log_dir  # every process must ask: they agree on it among themselves
         if self._shown is None or trainer.sanity_checking or not trainer.is_global_zero:
             return
         shown = self._shown
         with torch.no_grad():
-            columns = [shown["source"], shown["target"],
-                       pl_module(shown["source"], shown["azimuth"], shown["elevation"]).image]
+            columns = [
+                shown["source"],
+                shown["target"],
+                pl_module(shown["source"], shown["azimuth"], shown["elevation"]).image,
+            ]
             tilt = torch.full_like(shown["elevation"], math.radians(30))
             for turn in range(self.num_views):
                 azimuth = torch.full_like(tilt, 2 * math.pi * turn / self.num_views)
                 columns.append(pl_module(shown["source"], azimuth, tilt).image)
         grid = torch.cat([torch.cat(list(row), 2) for row in zip(*columns, strict=True)], 1).clamp(0, 1)
         pixels = (grid * 255).round().byte().permute(1, 2, 0).cpu().numpy()
-        if trainer.log_dir is not None:
-            folder = Path(trainer.log_dir) / "pictures"
+        if home is not None:
+            folder = Path(home) / "pictures"
             folder.mkdir(parents=True, exist_ok=True)
             imsave(folder / f"epoch_{trainer.current_epoch:03d}.png", pixels, check_contrast=False)
         for logger in trainer.loggers:
-            show = getattr(logger.experiment, "add_image", None)
+            show = getattr(getattr(logger, "experiment", None), "add_image", None)
             if show is not None:
                 show("pictures", pixels, trainer.global_step, dataformats="HWC")

@@ -1,0 +1,91 @@
+"""What a pipeline's optimizer asks: how good are these rows, and which way is down?"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import torch
+from torch import Tensor
+from torch.utils import _pytree as pytree
+
+from kfit.core import Energy, Evaluation, Generator, Observation, Prior, Variables
+from kfit.core.contracts import Need
+
+
+class Judge:
+    """The `kfit.core.Evaluate` of one fit: draws rows, compares them with targets whose features it holds.
+
+    Args:
+        generator: frozen.
+        terms: energies and priors by name, frozen.
+        rank_weights: weights by which rows are ranked.
+        observation: B problems.
+
+    Attributes:
+        weights: of the terms in the energy that is descended; the pipeline sets them before each step.
+        num_evaluations: pictures drawn so far.
+    """
+
+    def __init__(
+        self,
+        generator: Generator,
+        terms: Mapping[str, Energy | Prior],
+        rank_weights: Mapping[str, float],
+        observation: Observation,
+    ) -> None:
+        self.generator, self.terms, self.rank_weights = generator, terms, rank_weights
+        self.spaces = {name: variable.space for name, variable in generator.variables.items()}
+        self.weights: dict[str, float] = {}
+        self.num_evaluations = 0
+        self.prepared = {
+            name: energy.prepare(_fields(observation, energy.on), observation.weight)
+            for name, energy in self.terms.items()
+            if isinstance(energy, Energy)
+        }
+        self._rows: tuple[Tensor, Any] | None = None
+
+    def __call__(self, raw: Variables, problem: Tensor, need: Need = "value") -> Evaluation:
+        if need == "residuals":
+            raise ValueError("this pipeline offers energies and gradients; residuals come with Levenberg–Marquardt")
+        self.num_evaluations += len(problem)
+        wants = need == "gradient"
+        with torch.set_grad_enabled(wants):
+            leaves = {name: tensor.detach().requires_grad_(wants) for name, tensor in raw.items()}
+            values = {name: self.spaces[name].to_value(leaf) for name, leaf in leaves.items()}
+            rendering = self.generator(**values)
+            terms = {}
+            for name, term in self.terms.items():
+                if not self.weights[name] and not self.rank_weights.get(name):
+                    continue
+                if isinstance(term, Prior):
+                    terms[name] = term(values[term.on])
+                else:
+                    terms[name] = term.compare(_fields(rendering, term.on), self._gather(problem)[name])
+            energy = torch.stack([self.weights[name] * term for name, term in terms.items()]).sum(0)
+            gradient = None
+            if wants:
+                slopes = torch.autograd.grad(energy.sum(), list(leaves.values()), allow_unused=True)
+                gradient = {
+                    name: torch.zeros_like(leaf) if slope is None else slope
+                    for (name, leaf), slope in zip(leaves.items(), slopes, strict=True)
+                }
+        ranked = [self.rank_weights.get(name, 0.0) * term.detach() for name, term in terms.items()]
+        return Evaluation(
+            energy=energy.detach(),
+            ranking=torch.stack(ranked).sum(0),
+            terms={name: term.detach() for name, term in terms.items()},
+            values={name: value.detach() for name, value in values.items()},
+            gradient=gradient,
+        )
+
+    def _gather(self, problem: Tensor) -> Any:
+        """The targets' features for these rows, gathered anew only when the rows have changed."""
+        if self._rows is None or not torch.equal(self._rows[0], problem):
+            rows = pytree.tree_map_only(Tensor, lambda tensor: tensor.index_select(0, problem), self.prepared)
+            self._rows = (problem, rows)
+        return self._rows[1]
+
+
+def _fields(source: Observation | Any, on: str | tuple[str, ...]) -> Any:
+    return source.field(on) if isinstance(on, str) else {name: source.field(name) for name in on}

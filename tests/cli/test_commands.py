@@ -1,0 +1,101 @@
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from skimage.io import imread, imsave
+
+from kfit.cli.main import main
+from kfit.data import build, pose_view
+from kfit.models.load import BUNDLED
+
+
+@pytest.fixture(scope="module")
+def cutout(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A drawn mug with an alpha channel."""
+    mesh, light = build("mug", 7)
+    view = pose_view(mesh, 0.5, 0.6, light, 128)
+    pixels = np.concatenate([view.image, view.mask[..., None]], 2)
+    path = tmp_path_factory.mktemp("photos") / "mug.png"
+    imsave(path, (255 * pixels).round().astype(np.uint8), check_contrast=False)
+    return path
+
+
+def test_pose_writes_json_and_overlay_and_prints_one_line(
+    cutout: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    main(["pose", str(cutout), "--category", "mug", "--out", str(tmp_path / "out")])
+    said = capsys.readouterr()
+    assert len(said.out.splitlines()) == 1
+    assert said.out.startswith("mug ")
+    assert "assumed" in said.err
+    assert json.loads((tmp_path / "out/pose.json").read_text())["category"] == "mug"
+    assert imread(tmp_path / "out/overlay.png").shape[2] == 3
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["overlay.png", "pose.json"]
+
+
+def test_pose_prints_the_json_on_request(cutout: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    camera = ["--intrinsics", "300", "300", "63.5", "63.5"]
+    main(["pose", str(cutout), "--category", "mug", "--out", str(tmp_path), "--json", *camera])
+    said = json.loads(capsys.readouterr().out)
+    assert said["intrinsics_assumed"] is False
+    assert said == json.loads((tmp_path / "pose.json").read_text())
+
+
+def refused(words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
+    with pytest.raises(SystemExit) as stopped:
+        main(words)
+    said = capsys.readouterr()
+    assert stopped.value.code == 2
+    assert said.out == ""
+    assert "Traceback" not in said.err
+    return said.err
+
+
+def test_a_users_mistake_gets_one_sentence_and_writes_nothing(
+    cutout: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text, empty, damaged = tmp_path / "a.txt", tmp_path / "empty.png", tmp_path / "bad.safetensors"
+    text.write_text("no picture")
+    imsave(empty, np.zeros((128, 128), np.uint8), check_contrast=False)
+    damaged.write_bytes(b"1234")
+    damaged.with_suffix(".json").write_bytes((BUNDLED / "mug.json").read_bytes())
+    mug = ["--category", "mug", "--out", str(tmp_path / "out")]
+    for words, sentence in [
+        (["nothing.jpg", *mug], "nothing.jpg"),
+        ([str(text), *mug], "a.txt"),
+        ([str(cutout), *mug, "--mask", str(empty)], "is empty"),
+        ([str(cutout), *mug, "--box", "500", "0", "20", "20"], "outside the picture of 128 x 128"),
+        ([str(cutout), *mug, "--box", "5", "5", "0", "20"], "has no area"),
+        ([str(cutout), *mug, "--box", "5", "5", "20", "20", "--mask", str(empty)], "both given"),
+        ([str(cutout), "--category", "teapot"], "those known are"),
+        ([str(cutout), "--model", str(damaged)], "damaged"),
+        ([str(cutout)], "either --category NAME or --model"),
+        ([str(cutout), *mug, "--depth", "d.png"], "--depth cannot be used yet"),
+    ]:
+        err = refused(["pose", *words], capsys)
+        assert sentence in err
+        assert len(err.splitlines()) == 1, err
+    assert not (tmp_path / "out").exists()
+
+
+def test_bench_accuracy_prints_a_table(capsys: pytest.CaptureFixture[str]) -> None:
+    main(["bench", "accuracy", "--category", "mug", "--views", "2", "--starts", "2", "--steps", "1"])
+    said = capsys.readouterr().out
+    assert "median" in said
+    assert "pictures drawn" in said
+
+
+def test_python_dash_m_kfit_is_the_console_script() -> None:
+    said = subprocess.run([sys.executable, "-m", "kfit", "--help"], capture_output=True, text=True, check=True)
+    assert "pose" in said.stdout
+    assert "fit,validate" in said.stdout.replace("\n", "")
+
+
+def test_importing_the_commands_loads_no_torch() -> None:
+    code = "import sys, kfit.cli.main; sys.exit('torch' in sys.modules)"
+    subprocess.run([sys.executable, "-c", code], check=True)

@@ -1,0 +1,33 @@
+"""What all tests share: the slow ones wait for ``--runslow``, and some need the development data."""
+
+import os
+from pathlib import Path
+
+import pytest
+import torch
+
+
+def pytest_addoption(parser):
+    parser.addoption("--runslow", action="store_true", help="also run tests that take minutes")
+
+
+def pytest_collection_modifyitems(config, items):
+    if config.getoption("--runslow"):
+        return
+    for item in items:
+        if item.get_closest_marker("slow"):
+            item.add_marker(pytest.mark.skip(reason="takes minutes: give --runslow"))
+
+
+@pytest.fixture(autouse=True)
+def seeded():
+    """The same random numbers for a test alone and among others."""
+    torch.manual_seed(0)
+
+
+@pytest.fixture(scope="session")
+def dev_data():
+    """Folder of the development data, which the repository does not hold."""
+    if not os.environ.get("KFIT_DEV_DATA"):
+        pytest.skip("KFIT_DEV_DATA names no folder of development data")
+    return Path(os.environ["KFIT_DEV_DATA"])

@@ -1,0 +1,42 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import torch
+
+from kfit.generators import VAE3D, ConvEncoder, ExtentsHead
+from kfit.models import Card, CategoryModel, write_model
+
+TINY = {
+    "generator": {
+        "class_path": "kfit.generators.VAE3D",
+        "init_args": {"code_dim": 4, "volume_dims": [8, 8, 4], "projection_dim": 8, "decoder_dims": [8, 8]},
+    },
+    "encoder": {"class_path": "kfit.generators.ConvEncoder", "init_args": {"code_dim": 4, "channels": [8, 8, 8, 8]}},
+    "extents": {"class_path": "kfit.generators.ExtentsHead", "init_args": {"code_dim": 4}},
+}
+
+
+def tiny_card(category: str = "mug") -> Card:
+    return Card(category, TINY, 4.0, 1.0, (-15.0, 75.0), "y up", "none", 0.17)
+
+
+@pytest.fixture
+def tiny_model() -> CategoryModel:
+    with torch.random.fork_rng():
+        torch.manual_seed(0)
+        networks = {
+            "generator": VAE3D(**TINY["generator"]["init_args"]),
+            "encoder": ConvEncoder(**TINY["encoder"]["init_args"]),
+            "extents": ExtentsHead(**TINY["extents"]["init_args"]),
+        }
+    return CategoryModel.of(networks, tiny_card())
+
+
+@pytest.fixture
+def tiny_file(tiny_model: CategoryModel, tmp_path: Path) -> Path:
+    path = tmp_path / "tiny.safetensors"
+    parts = {"generator": tiny_model.generator, "encoder": tiny_model.encoder, "extents": tiny_model.extents}
+    write_model(path, parts, tiny_model.card)
+    return path

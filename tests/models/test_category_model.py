@@ -1,0 +1,128 @@
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+import kfit
+from kfit.data import build, render
+from kfit.geometry import rotation_error
+from kfit.models import CategoryModel, bundled
+from kfit.models.accuracy import handle_share, rotation_errors, unseen_views
+
+INTRINSICS = np.array([[500.0, 0, 159.5], [0, 500.0, 119.5], [0, 0, 1]])
+
+
+def photo_of(category: str, seed: int) -> tuple[np.ndarray, np.ndarray, torch.Tensor, torch.Tensor]:
+    """An object 0.9 m away and off the middle: picture, mask, and its true rotation and translation (OpenCV axes)."""
+    mesh, light = build(category, seed)
+    azimuth, elevation = math.radians(30), math.radians(35)
+    ca, sa, ce, se = math.cos(azimuth), math.sin(azimuth), math.cos(elevation), math.sin(elevation)
+    turn = np.array([[1, 0, 0], [0, ce, -se], [0, se, ce]]) @ np.array([[ca, 0, sa], [0, 1, 0], [-sa, 0, ca]])
+    diagonal = kfit.load(category).card.mean_diagonal
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = turn * diagonal, (0.12, 0.06, -0.9)
+    view = render(mesh, pose, INTRINSICS, (240, 320), light)
+    flip = np.diag([1.0, -1.0, -1.0])
+    return view.image, view.mask > 0.5, torch.from_numpy(flip @ turn), torch.from_numpy(flip @ pose[:3, 3])
+
+
+@pytest.mark.parametrize("category", sorted({"mug", "laptop"} & set(bundled())))
+def test_a_bundled_model_finds_pose_and_place_of_a_drawn_object(category: str) -> None:
+    image, mask, rotation, translation = photo_of(category, 5)
+    result = kfit.load(category).pose(image, mask=mask, intrinsics=INTRINSICS)
+    assert math.degrees(rotation_error(torch.from_numpy(result.rotation), rotation)) < 12
+    assert np.linalg.norm(result.translation - translation.numpy()) < 0.1
+    assert result.intrinsics_from == "given"
+    assert result.notes == []
+    assert result.fit.num_evaluations < 32 * 51
+
+
+def test_the_result_is_json_with_the_promised_fields(tiny_model: CategoryModel) -> None:
+    image, mask = np.ones((50, 60, 3), np.float32), np.zeros((50, 60), bool)
+    mask[10:30, 20:50] = True
+    said = json.loads(json.dumps(tiny_model.pose(image, mask=mask, pipeline=tiny_model.pipeline(4, 2)).to_dict()))
+    assert set(said) >= {
+        "category", "rotation", "quaternion_wxyz", "translation", "size", "bbox_xywh", "energy", "confidence",
+        "alternatives", "intrinsics", "intrinsics_assumed",
+    }  # fmt: skip
+    assert said["bbox_xywh"] == [20, 10, 30, 20]
+    assert said["intrinsics_assumed"] is True
+    assert said["intrinsics"][0][2] == 29.5
+    assert "intrinsics assumed" in said["notes"][0]
+    assert np.allclose(np.linalg.det(said["rotation"]), 1)
+    assert math.isclose(np.linalg.norm(said["quaternion_wxyz"]), 1, rel_tol=1e-6)
+    assert math.isclose(sum(a["weight"] for a in said["alternatives"]), 1, rel_tol=1e-6)
+    assert said["confidence"] == said["alternatives"][0]["weight"]
+    assert np.allclose(said["alternatives"][0]["rotation"], said["rotation"], atol=1e-6)
+    assert np.isclose(np.linalg.norm(said["size"]), 0.17)
+
+
+def test_the_same_seed_gives_the_same_answer(tiny_model: CategoryModel) -> None:
+    image, mask = np.random.default_rng(0).random((40, 40, 3)), np.ones((40, 40))
+    first, again = (tiny_model.pose(image, mask=mask, seed=3, pipeline=tiny_model.pipeline(4, 2)) for _ in range(2))
+    assert np.array_equal(first.rotation, again.rotation)
+    assert first.energy == again.energy
+
+
+IMAGE = np.zeros((20, 30, 3), np.uint8)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        ({"image": np.zeros((20, 30))}, r"image must have shape \(H, W, 3\), got \(20, 30\)"),
+        ({"image": np.zeros((20, 30, 3), np.int64)}, "image must be uint8 or floating point"),
+        ({"image": np.full((20, 30, 3), 200.0)}, r"image must lie in \[0, 1\], got numbers from 200 to 200"),
+        ({"image": np.full((20, 30, 3), np.nan)}, r"image must lie in \[0, 1\]"),
+        ({"image": IMAGE, "mask": np.zeros((20, 30))}, "mask is empty"),
+        ({"image": IMAGE, "mask": np.ones((20, 31))}, r"mask must have the photo's shape \(20, 30\), got \(20, 31\)"),
+        ({"image": IMAGE, "mask": np.ones((20, 30)), "box": (0, 0, 9, 9)}, "mask and box were both given"),
+        ({"image": IMAGE, "box": (40, 0, 9, 9)}, "outside the picture"),
+        ({"image": IMAGE, "mask": np.ones((20, 30)), "intrinsics": np.eye(2)}, r"intrinsics must be \(3, 3\)"),
+        ({"image": IMAGE, "mask": np.ones((20, 30)), "intrinsics": np.zeros((3, 3))}, "focal lengths above 0"),
+    ],
+)
+def test_a_wrong_argument_gets_a_sentence(tiny_model: CategoryModel, arguments: dict, sentence: str) -> None:
+    with pytest.raises(ValueError, match=sentence):
+        tiny_model.pose(**arguments)
+
+
+def test_unseen_views_know_whether_a_handle_shows() -> None:
+    model = kfit.load("mug")
+    views = unseen_views(model, 12, photo_size=64)
+    assert views.observation.image.shape == (12, 3, 64, 64)
+    assert 0 < int(views.visible.sum()) <= 12
+
+
+def test_the_handle_share_is_zero_from_behind_and_large_from_the_side() -> None:
+    from kfit.data import pose_view
+
+    mesh, light = build("mug", 3)
+    shares = [handle_share(pose_view(mesh, 0.2, math.radians(a), light), mesh.extents) for a in (0, 90)]
+    assert shares[0] > 0.05
+    assert shares[1] < 0.02  # azimuth 90° turns +x away from the viewer
+
+
+def test_errors_do_not_depend_on_the_batch(tiny_model: CategoryModel) -> None:
+    views = unseen_views(tiny_model, 3, photo_size=64)
+    pipeline = tiny_model.pipeline(3, 2)
+    together, _ = rotation_errors(tiny_model, views, pipeline, batch_size=3)
+    alone, _ = rotation_errors(tiny_model, views, pipeline, batch_size=1)
+    assert torch.allclose(together, alone, atol=0.5)
+
+
+def test_a_path_and_an_array_give_the_same_answer(tiny_model: CategoryModel, tmp_path: Path) -> None:
+    from skimage.io import imsave
+
+    pixels = np.random.default_rng(0).integers(0, 255, (40, 50, 3), np.uint8)
+    imsave(tmp_path / "x.png", pixels, check_contrast=False)
+    mask = np.ones((40, 50))
+    answers = [
+        tiny_model.pose(image, mask=mask, pipeline=tiny_model.pipeline(3, 1)) for image in (tmp_path / "x.png", pixels)
+    ]
+    assert np.allclose(answers[0].rotation, answers[1].rotation)

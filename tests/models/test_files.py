@@ -1,0 +1,97 @@
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import pytest
+import torch
+
+import kfit
+from kfit.models import Card, CategoryModel, bundled, read_checkpoint, read_model
+
+
+def edit(path: Path, **changes: object) -> None:
+    card = path.with_suffix(".json")
+    card.write_text(json.dumps(json.loads(card.read_text()) | changes))
+
+
+def test_a_written_model_draws_the_same_pictures_to_half_precision(tiny_model: CategoryModel, tiny_file: Path) -> None:
+    values = {"code": torch.randn(2, 4), "azimuth": torch.tensor([0.3, 2.0]), "elevation": torch.tensor([0.1, 0.8])}
+    read = kfit.load(tiny_file)
+    with torch.no_grad():
+        assert torch.allclose(read.generator(**values).image, tiny_model.generator(**values).image, atol=2e-3)
+    assert read.card == tiny_model.card
+
+
+def test_writing_leaves_no_temporary_file(tiny_file: Path) -> None:
+    assert sorted(path.name for path in tiny_file.parent.iterdir()) == ["tiny.json", "tiny.safetensors"]
+
+
+def test_a_truncated_file_gets_a_sentence(tiny_file: Path) -> None:
+    tiny_file.write_bytes(tiny_file.read_bytes()[:1000])
+    with pytest.raises(ValueError, match=r"tiny\.safetensors is damaged or no safetensors file"):
+        read_model(tiny_file)
+
+
+def test_a_missing_model_or_card_gets_a_sentence(tiny_file: Path) -> None:
+    with pytest.raises(FileNotFoundError, match="no model at"):
+        read_model(tiny_file.with_name("other.safetensors"))
+    tiny_file.with_suffix(".json").unlink()
+    with pytest.raises(FileNotFoundError, match="no model card at"):
+        read_model(tiny_file)
+
+
+def test_a_card_that_names_other_sizes_gets_a_sentence(tiny_file: Path) -> None:
+    networks = json.loads(tiny_file.with_suffix(".json").read_text())["networks"]
+    networks["encoder"]["init_args"]["channels"] = [8, 8, 8, 16]
+    edit(tiny_file, networks=networks)
+    with pytest.raises(ValueError, match="does not fit its card: the weights are not those of the encoder"):
+        read_model(tiny_file)
+
+
+@pytest.mark.parametrize(
+    "class_path",
+    ["os.system", "subprocess.Popen", "antigravity.fly", "kfit.pipeline.FitPipeline.of", "torch.nn.nothing"],
+)
+def test_a_card_can_neither_import_a_module_nor_call_a_function(tiny_file: Path, class_path: str) -> None:
+    networks = json.loads(tiny_file.with_suffix(".json").read_text())["networks"]
+    edit(tiny_file, networks=networks | {"generator": {"class_path": class_path, "init_args": {}}})
+    with pytest.raises(ValueError, match="no network of kfit, nor of a module imported before"):
+        read_model(tiny_file)
+    assert "antigravity" not in sys.modules
+
+
+def test_a_card_of_another_layout_gets_a_sentence(tiny_file: Path) -> None:
+    edit(tiny_file, format=99)
+    with pytest.raises(ValueError, match="is not a model card of format 1"):
+        read_model(tiny_file)
+    tiny_file.with_suffix(".json").write_text("{")
+    with pytest.raises(ValueError, match="is not a model card"):
+        Card.read(tiny_file.with_suffix(".json"))
+
+
+def test_an_unknown_category_lists_those_known() -> None:
+    with pytest.raises(ValueError, match=r"category 'teapot' has no bundled model; those known are .*laptop.*mug"):
+        kfit.load("teapot")
+
+
+def test_something_else_than_a_checkpoint_gets_a_sentence(tmp_path: Path) -> None:
+    path = tmp_path / "x.ckpt"
+    torch.save({"state_dict": {}}, path)
+    with pytest.raises(ValueError, match=r"x\.ckpt is no checkpoint of kfit\.training\.ConditionalVAE"):
+        read_checkpoint(path)
+
+
+@pytest.mark.parametrize("category", bundled())
+def test_a_bundled_model_has_a_whole_card_and_few_megabytes(category: str) -> None:
+    model = kfit.load(category)
+    assert model.card.category == category
+    assert model.card.training["command"]
+    assert model.card.accuracy
+    folder = Path(kfit.models.__file__).parent / "bundled"
+    assert (folder / f"{category}.safetensors").stat().st_size < 7e6
+
+
+def test_mug_and_laptop_are_bundled() -> None:
+    assert {"mug", "laptop"} <= set(bundled())

@@ -1,0 +1,389 @@
+"""Training: the objective, a few steps of it, what it writes down, and once the whole path by the command line."""
+
+import math
+import subprocess
+import sys
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+import torch
+from lightning.pytorch import Trainer
+from lightning.pytorch.loggers import CSVLogger
+from skimage.io import imread
+from torch import nn
+from torch.distributions import Normal, kl_divergence
+from torch.utils.data import DataLoader, Dataset
+
+from kfit.core import Energy
+from kfit.energies import L1, Perceptual, Silhouette
+from kfit.generators import VAE3D, ConvEncoder, ExtentsHead
+from kfit.training import ConditionalVAE, Jitter, PictureGrid
+
+ROOT = Path(__file__).parents[2]
+# What Lightning says about batches that come from memory, and calls in torch that has called it deprecated since.
+quiet = pytest.mark.filterwarnings(
+    "ignore:.*does not have many workers", r"ignore:`isinstance\(treespec, LeafSpec\)` is deprecated:FutureWarning"
+)
+SIDE = 16
+
+
+def features():
+    torch.manual_seed(9)
+    return nn.Sequential(nn.Conv2d(3, 4, 3, 2, 1), nn.BatchNorm2d(4), nn.Softplus())
+
+
+def build(**changes):
+    torch.manual_seed(4)
+    settings = {
+        "generator": VAE3D(4, (4, 3), 4, (3,)),
+        "encoder": ConvEncoder(4, (8, 8), 8, SIDE),
+        "extents": ExtentsHead(4, 8),
+        "losses": {"image": L1(), "mask": Silhouette()},
+        "loss_weights": {"mask": 0.2},
+        "kl_weight": 0.01,
+        "extents_weight": 0.3,
+        "rate": 0.01,
+    }
+    return ConditionalVAE(**settings | changes)
+
+
+def batch(rows=4, seed=0):
+    rng = torch.Generator().manual_seed(seed)
+    mask = (torch.rand(rows, 1, SIDE, SIDE, generator=rng) > 0.5).float()
+    return {
+        "source": torch.rand(rows, 3, SIDE, SIDE, generator=rng),
+        "target": torch.rand(rows, 3, SIDE, SIDE, generator=rng),
+        "target_mask": mask,
+        "target_depth": 0.1 * mask,
+        "azimuth": torch.rand(rows, generator=rng),
+        "elevation": torch.rand(rows, generator=rng),
+        "extents": torch.nn.functional.normalize(torch.rand(rows, 3, generator=rng), dim=1),
+    }
+
+
+class Batches(Dataset):
+    """Whole batches, one an item."""
+
+    def __init__(self, count=3, without=()):
+        self.count, self.without = count, without
+
+    def __len__(self):
+        return self.count
+
+    def __getitem__(self, index):
+        return {name: tensor for name, tensor in batch(seed=index).items() if name not in self.without}
+
+
+def loader(**settings):
+    return DataLoader(Batches(**settings), batch_size=None)
+
+
+def trainer(tmp_path, **settings):
+    silent = dict.fromkeys(("logger", "enable_checkpointing", "enable_progress_bar", "enable_model_summary"), False)
+    small = {"max_steps": 3, "log_every_n_steps": 1, "accelerator": "cpu", "default_root_dir": tmp_path}
+    return Trainer(**silent | small | settings)
+
+
+@pytest.fixture
+def logged(monkeypatch):
+    """Collects what a step without a trainer writes down."""
+    said = {}
+    monkeypatch.setattr(ConditionalVAE, "log", lambda self, name, value, **_: said.update({name: float(value)}))
+    monkeypatch.setattr(
+        ConditionalVAE, "log_dict", lambda self, values, **_: said.update({k: float(v) for k, v in values.items()})
+    )
+    return said
+
+
+class TestTheLoss:
+    def test_is_the_formula(self, logged):
+        module, given = build(), batch()
+        torch.manual_seed(11)
+        loss = module.training_step(given, 0)
+
+        torch.manual_seed(11)
+        mean, log_variance = module.encoder(given["source"])
+        posterior = Normal(mean, (0.5 * log_variance).exp())
+        code = posterior.rsample()
+        drawn = module.generator(code=code, azimuth=given["azimuth"], elevation=given["elevation"])
+        image = (drawn.image - given["target"]).abs().mean()
+        mask = (drawn.mask - given["target_mask"]).square().mean()
+        extents = (module.extents(code) - given["extents"]).abs().mean()
+        divergence = kl_divergence(posterior, Normal(0.0, 1.0)).sum(1).mean()
+        torch.testing.assert_close(loss, image + 0.2 * mask + 0.3 * extents + 0.01 * divergence)
+        expected = {"image": image, "mask": mask, "extents": extents, "kl": divergence, "loss": loss}
+        assert logged == {f"train/{name}": pytest.approx(float(value.detach())) for name, value in expected.items()}
+
+    def test_counts_the_divergence_in_nats_summed_over_the_code(self, logged):
+        class Sure(ConvEncoder):
+            def forward(self, image):
+                mean = torch.tensor([[1.0, 0.0, 0.0, -2.0]]).expand(len(image), 4)
+                return mean, torch.tensor([[0.0, math.log(4.0), 0.0, 0.0]]).expand(len(image), 4)
+
+        build(encoder=Sure()).training_step(batch(), 0)
+        # ½ (1 + 4) of the means and ½ (4 − 1 − ln 4) of the one spread.
+        assert logged["train/kl"] == pytest.approx(2.5 + 0.80685282, abs=1e-6)
+
+    def test_of_validation_is_drawn_from_the_mean_code(self, logged):
+        module, given = build().eval(), batch()
+        with torch.no_grad():
+            module.validation_step(given, 0)
+            drawn = module(given["source"], given["azimuth"], given["elevation"])
+        away = (drawn.image - given["target"]).abs().mean().item()
+        assert [logged["val/l1"], logged["val/image"]] == pytest.approx([away, away])
+        assert set(logged) == {"val/l1", "val/image", "val/mask", "val/extents"}
+
+    def test_reaches_generator_encoder_and_extents(self):
+        module = build()
+        module.log = module.log_dict = lambda *args, **settings: None
+        module.training_step(batch(), 0).backward()
+        for name in ("generator", "encoder", "extents"):
+            slopes = [p.grad for p in getattr(module, name).parameters()]
+            assert all(slope is not None and bool(slope.isfinite().all()) for slope in slopes), name
+            assert sum(float(slope.abs().sum()) for slope in slopes) > 0, name
+
+    def test_does_without_extents_and_depth_where_the_batch_has_none(self, logged):
+        given = {name: value for name, value in batch().items() if name not in ("extents", "target_depth")}
+        module = build()
+        with torch.no_grad():
+            assert module.training_step(given, 0).isfinite()
+            module.validation_step(given, 0)
+        assert not any("extents" in name for name in logged)
+
+    def test_shows_the_encoder_the_jittered_view_only_while_training(self, logged, monkeypatch):
+        module, given, seen = build(jitter=Jitter(0.0, 0.0, 1.0)), batch(), []
+        monkeypatch.setattr(module, "jitter", lambda image: seen.append(image) or image)
+        with torch.no_grad():
+            module.training_step(given, 0)
+            module.validation_step(given, 0)
+        assert len(seen) == 1
+        assert seen[0] is given["source"]
+
+
+class TestLossNetworks:
+    @quiet
+    @pytest.mark.filterwarnings("ignore:Found 4 module.* in eval mode")  # Perceptual's network, as it should be
+    def test_given_are_not_trained_and_stay_in_evaluation_mode(self, tmp_path):
+        class Raw(Energy):
+            """Somebody's energy that has forgotten to freeze its network."""
+
+            def __init__(self):
+                super().__init__()
+                self.network = features()
+
+            def compare(self, prediction, prepared):
+                return (self.network(prediction) - self.network(prepared["target"])).square().mean((1, 2, 3))
+
+        raw = Raw()
+        module = build(losses={"features": Perceptual(features()), "raw": raw}, loss_weights=None)
+        before = {name: value.clone() for name, value in module.losses.state_dict().items()}
+        trainer(tmp_path).fit(module, loader(), loader())
+        after = module.losses.state_dict()
+        assert all(torch.equal(after[name], value) for name, value in before.items())
+        assert not any(p.requires_grad for p in module.losses.parameters())
+        assert not any(part.training for part in module.losses["raw"].modules())
+        assert all(p.requires_grad and p.grad is None for p in raw.parameters())
+
+
+class TestTraining:
+    @quiet
+    def test_moves_all_networks_and_ends_with_finite_numbers(self, tmp_path):
+        module = build()
+        before = {name: p.detach().clone() for name, p in module.named_parameters()}
+        runner = trainer(tmp_path)
+        runner.fit(module, loader(), loader())
+        assert runner.global_step == 3
+        assert math.isfinite(runner.callback_metrics["train/loss"])
+        for name, p in module.named_parameters():
+            assert bool(p.isfinite().all()), name
+            assert not torch.equal(p, before[name]), name
+
+    @quiet
+    def test_brings_the_loss_down_on_what_it_sees_again_and_again(self, tmp_path):
+        module, losses = build(losses={"image": L1()}, loss_weights=None, kl_weight=0.0), []
+        step = module.training_step
+        module.training_step = lambda *given: losses.append(step(*given)) or losses[-1]
+        trainer(tmp_path, max_steps=40).fit(module, loader(count=1), loader())
+        assert sum(losses[-5:]) < 0.9 * sum(losses[:5])
+
+    @quiet
+    def test_runs_through_validation(self, tmp_path):
+        runner = trainer(tmp_path, fast_dev_run=True)
+        runner.fit(build(), loader(), loader())
+        assert {"val/l1", "val/image", "val/mask", "val/extents"} <= set(runner.callback_metrics)
+
+    @quiet
+    def test_goes_on_from_a_checkpoint_for_more_steps_than_were_planned(self, tmp_path):
+        first = trainer(tmp_path, max_steps=3)
+        first.fit(build(), loader(), loader())
+        first.save_checkpoint(tmp_path / "three.ckpt")
+        further = trainer(tmp_path, max_steps=9)
+        further.fit(build(), loader(), loader(), ckpt_path=tmp_path / "three.ckpt", weights_only=True)
+        assert further.global_step == 9
+
+    @quiet
+    @pytest.mark.parametrize("total", [1, 2, 20, 40, 57])
+    def test_rate_rises_over_a_twentieth_of_the_steps_and_falls_as_a_cosine(self, tmp_path, total, monkeypatch):
+        monkeypatch.setattr(Trainer, "estimated_stepping_batches", total)
+        module, rates = build(), []
+        module.trainer = trainer(tmp_path)
+        said = module.configure_optimizers()
+        for _ in range(total):
+            rates.append(said["optimizer"].param_groups[0]["lr"])
+            said["optimizer"].step()
+            said["lr_scheduler"]["scheduler"].step()
+        rise = max(1, total // 20)
+        assert max(rates) <= 0.01
+        assert all(a < b for a, b in pairwise(rates[:rise]))
+        if total > 1:
+            assert rates[rise] == 0.01
+            middle = rise + (total - rise) // 2
+            share = (1 + math.cos(math.pi * (middle - rise) / (total - rise))) / 2
+            assert rates[middle] == pytest.approx(0.01 * share)
+
+    @quiet
+    def test_without_an_end_is_an_error_in_a_sentence(self, tmp_path):
+        with pytest.raises(ValueError, match="the trainer needs max_epochs or max_steps"):
+            trainer(tmp_path, max_steps=-1, max_epochs=-1).fit(build(), loader(), loader())
+
+    @pytest.mark.parametrize(
+        ("changes", "said"),
+        [
+            ({"loss_weights": {"picture": 1.0}}, "loss_weights: unknown picture; the names are image, mask"),
+            ({"losses": {"kl": L1()}, "loss_weights": None}, "losses: kl is a name that is taken"),
+        ],
+    )
+    def test_mistakes_in_the_losses_names_are_told_when_it_is_built(self, changes, said):
+        with pytest.raises(ValueError, match=said):
+            build(**changes)
+
+
+class TestCheckpoint:
+    @quiet
+    def test_of_networks_built_in_python_loads_as_data_alone(self, tmp_path):
+        module = build(jitter=Jitter())
+        runner = trainer(tmp_path, logger=CSVLogger(tmp_path))
+        runner.fit(module, loader(), loader())
+        runner.save_checkpoint(tmp_path / "all.ckpt")
+        saved = torch.load(tmp_path / "all.ckpt", weights_only=True)
+        assert dict(saved["hyper_parameters"]) == {
+            "loss_weights": {"mask": 0.2}, "kl_weight": 0.01, "extents_weight": 0.3, "rate": 0.01, "compile": False,
+        }  # fmt: skip
+        again = build()
+        again.load_state_dict(saved["state_dict"])
+        torch.testing.assert_close(again.generator.constant, module.generator.constant)
+
+    @pytest.mark.parametrize("jitter", [None, Jitter()])
+    def test_leaves_no_network_among_the_hyperparameters(self, jitter):
+        module = build(jitter=jitter)
+        plain = {"loss_weights", "kl_weight", "extents_weight", "rate", "compile"}
+        plain |= set() if jitter else {"jitter"}
+        assert set(module.hparams) == set(module.hparams_initial) == plain
+
+
+class TestJitter:
+    def test_of_nothing_gives_the_picture_itself(self):
+        image = torch.rand(5, 3, 32, 32)
+        torch.testing.assert_close(Jitter(0.0, 0.0, 1.0)(image), image, rtol=0, atol=2e-5)
+
+    def test_stays_within_its_range_and_fills_it(self, monkeypatch):
+        given = {}
+        monkeypatch.setattr("kfit.training.jitter.warp", lambda drawn, **values: given.update(values) or drawn)
+        torch.manual_seed(0)
+        Jitter(30.0, 0.2, 1.5)(torch.ones(4000, 3, 1, 1))
+        roll, shift, scale = given["roll"].rad2deg(), given["shift"], given["scale"]
+        for value, most in ((roll, 30), (shift, 0.2), (scale.log(), math.log(1.5))):
+            assert value.abs().max() <= most * (1 + 1e-6)
+            assert value.max() > 0.99 * most
+            assert value.min() < -0.99 * most
+            assert abs(float(value.mean())) < 0.03 * most
+        assert shift.shape == (4000, 2)
+
+    def test_moves_each_picture_its_own_way_on_white(self):
+        torch.manual_seed(0)
+        image = torch.zeros(1, 3, 32, 32).expand(3, 3, 32, 32)
+        jittered = Jitter(0.0, 0.4, 1.0)(image)
+        assert jittered.shape == (3, 3, 32, 32)
+        assert len(jittered.flatten(1).unique(dim=0)) == 3
+        assert jittered.max() == 1
+
+    def test_takes_its_numbers_from_torch(self):
+        image = torch.rand(3, 3, 16, 16)
+        torch.manual_seed(5)
+        first = Jitter()(image)
+        torch.manual_seed(5)
+        assert torch.equal(Jitter()(image), first)
+
+    @pytest.mark.parametrize("settings", [{"roll_deg": -1.0}, {"shift": -0.1}, {"scale": 0.9}])
+    def test_refuses_ranges_that_are_none_by_name(self, settings):
+        with pytest.raises(ValueError, match=f"Jitter: {next(iter(settings))} must lie between"):
+            Jitter(**settings)
+
+
+class TestPictureGrid:
+    @quiet
+    def test_writes_a_row_an_object_after_each_validation(self, tmp_path):
+        grid = PictureGrid(num_objects=3, num_views=2)
+        runner = trainer(tmp_path, max_steps=-1, max_epochs=2, callbacks=[grid], logger=CSVLogger(tmp_path, "", ""))
+        runner.fit(build(), loader(), loader(count=1))
+        assert sorted(path.name for path in tmp_path.rglob("*.png")) == ["epoch_000.png", "epoch_001.png"]
+        picture = imread(next(iter(tmp_path.rglob("epoch_001.png"))))
+        # Source, target, reconstruction and two views a row.
+        assert picture.shape == (3 * SIDE, 5 * SIDE, 3)
+        given = batch(seed=0)
+        for row, number in enumerate((0, 1, 3)):
+            for column, name in enumerate(("source", "target")):
+                tile = picture[row * SIDE : (row + 1) * SIDE, column * SIDE : (column + 1) * SIDE]
+                expected = (given[name][number] * 255).round().byte().permute(1, 2, 0).numpy()
+                assert (tile == expected).all()
+
+    @quiet
+    def test_shows_fewer_rows_where_there_are_fewer_pictures(self, tmp_path):
+        runner = trainer(tmp_path, max_steps=-1, max_epochs=1, callbacks=[PictureGrid(9, 1)])
+        runner.fit(build(), loader(), loader(count=1))
+        assert imread(tmp_path / "pictures" / "epoch_000.png").shape == (4 * SIDE, 4 * SIDE, 3)
+
+    @quiet
+    def test_shows_it_to_a_logger_that_takes_pictures(self, tmp_path):
+        shown = []
+
+        class Gallery(CSVLogger):
+            @property
+            def experiment(self):
+                writer = super().experiment
+                writer.add_image = lambda *given, **settings: shown.append((given, settings))
+                return writer
+
+        runner = trainer(tmp_path, max_steps=-1, max_epochs=1, callbacks=[PictureGrid(2, 1)], logger=Gallery(tmp_path))
+        runner.fit(build(), loader(), loader(count=1))
+        (((name, pixels, step), settings),) = shown
+        assert (name, step, settings) == ("pictures", 3, {"dataformats": "HWC"})
+        assert pixels.shape == (2 * SIDE, 4 * SIDE, 3)
+
+
+@pytest.mark.slow
+def test_the_command_line_trains_goes_on_and_packs(tmp_path):
+    def run(command, *words):
+        code = f"from kfit.cli.{command} import main; main()"
+        done = subprocess.run(
+            [sys.executable, "-c", code, *map(str, words)], cwd=tmp_path, capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 0, done.stderr[-3000:]
+        return done
+
+    fit = [
+        "fit", "-c", ROOT / "recipes" / "smoke.yaml", "--trainer.accelerator", "cpu", "--trainer.enable_progress_bar",
+        "false", "--trainer.default_root_dir", tmp_path, "--data.num_objects", 4, "--data.num_views", 4,
+        "--data.num_val_objects", 2, "--data.batch_size", 4, "--data.cache_dir", tmp_path / "cache",
+    ]  # fmt: skip
+    run("lightning", *fit, "--trainer.max_epochs", 1)
+    (first,) = tmp_path.rglob("last.ckpt")
+    assert torch.load(first, weights_only=True)["epoch"] == 0
+    run("lightning", *fit, "--trainer.max_epochs", 2, "--ckpt_path", first)
+    (second,) = set(tmp_path.rglob("last.ckpt")) - {first}
+    assert torch.load(second, weights_only=True)["global_step"] == 8
+    assert {path.name for path in tmp_path.rglob("*.png")} == {"epoch_000.png", "epoch_001.png"}
+    run("main", "pack", second, "--out", tmp_path / "mug.safetensors")
+    assert (tmp_path / "mug.safetensors").is_file()
+    assert (tmp_path / "mug.json").is_file()
