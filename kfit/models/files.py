@@ -8,7 +8,7 @@ from typing import Any
 
 import torch
 from safetensors import SafetensorError
-from safetensors.torch import load_file, save_file
+from safetensors.torch import load_file, save
 from torch import nn
 
 from kfit.models.card import Card
@@ -24,7 +24,7 @@ def write_model(path: Path, networks: dict[str, nn.Module], card: Card) -> None:
         for key, tensor in network.state_dict().items()
     }
     path.parent.mkdir(parents=True, exist_ok=True)
-    for target, write in ((path, lambda p: save_file(numbers, p)), (path.with_suffix(".json"), card.write)):
+    for target, write in ((path, lambda p: p.write_bytes(save(numbers))), (path.with_suffix(".json"), card.write)):
         temporary = target.with_name(target.name + ".partial")
         write(temporary)
         temporary.replace(target)
