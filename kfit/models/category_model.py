@@ -16,13 +16,14 @@ from kfit.core import Callback, Encoder, FitResult, Generator
 from kfit.energies import SSIM, CodePrior, Perceptual, Silhouette
 from kfit.features import EfficientNetLite0
 from kfit.generators import ExtentsHead, SimilarityWarp
-from kfit.geometry import Crop, intrinsics_from_fov, pose_from_crop, rotation_error, rotation_from_angles, to_opencv
+from kfit.geometry import Crop, pose_from_crop, rotation_error, rotation_from_angles, to_opencv
 from kfit.initializers import Constant, EncoderPosterior, SphereGrid
 from kfit.models.card import Card
+from kfit.models.given import as_photo, choose_camera, choose_mask
 from kfit.models.pose_result import Alternative, PoseResult
 from kfit.optimizers import Adam
 from kfit.pipeline import FitPipeline
-from kfit.segmentation import mask_from_alpha, mask_from_box, read_photo
+from kfit.segmentation import mask_from_alpha, read_photo
 
 # Raw units a step, as the released code fits (neural_object_fitting@7309348): half-turns for angles.
 RATES = {"code": 0.3, "azimuth": 0.03, "elevation": 0.01, "roll": 0.01, "shift": 0.03, "scale": 0.03}
@@ -124,9 +125,9 @@ class CategoryModel:
             pixels, known = photo.image, photo.intrinsics
             alpha = None if photo.alpha is None else mask_from_alpha(photo.alpha)
         else:
-            pixels = _as_photo(image)
-        found = _mask(pixels, mask, box, alpha, notes)
-        camera, came_from = _camera(pixels, intrinsics, known, notes)
+            pixels = as_photo(image)
+        found = choose_mask(pixels, mask, box, alpha, notes)
+        camera, came_from = choose_camera(pixels, intrinsics, known, notes)
         crop = Crop.around(found, self._image_size)
         observation = crop.cut(pixels, found)
         result = (pipeline or self.pipeline())(observation, seed=seed)
@@ -201,56 +202,3 @@ class CategoryModel:
             groups.append(Alternative(rotation[head].numpy(), float(energy[head]), float(weight[group].sum())))
             left &= ~group
         return groups[:1] + sorted(groups[1:], key=lambda group: -group.weight)
-
-
-def _as_photo(image: NDArray[Any]) -> NDArray[np.float32]:
-    pixels = np.asarray(image)
-    if pixels.ndim != 3 or pixels.shape[2] != 3 or 0 in pixels.shape:
-        raise ValueError(f"image must have shape (H, W, 3), got {pixels.shape}")
-    if pixels.dtype == np.uint8:
-        return pixels.astype(np.float32) / np.float32(255)
-    if not np.issubdtype(pixels.dtype, np.floating):
-        raise ValueError(f"image must be uint8 or floating point in [0, 1], got {pixels.dtype}")
-    if not (np.isfinite(pixels).all() and pixels.min() >= 0 and pixels.max() <= 1):
-        raise ValueError(f"image must lie in [0, 1], got numbers from {pixels.min():g} to {pixels.max():g}")
-    return pixels.astype(np.float32)
-
-
-def _mask(
-    pixels: NDArray[np.float32],
-    mask: NDArray[Any] | None,
-    box: tuple[float, float, float, float] | None,
-    alpha: NDArray[np.float32] | None,
-    notes: list[str],
-) -> NDArray[np.float32]:
-    if mask is not None and box is not None:
-        raise ValueError("mask and box were both given; the object is told by one of them")
-    if mask is not None:
-        given = np.asarray(mask)
-        if given.shape != pixels.shape[:2]:
-            raise ValueError(f"mask must have the photo's shape {pixels.shape[:2]}, got {given.shape}")
-        if not (given > 0).any():
-            raise ValueError("mask is empty: none of its pixels is above 0")
-        return (given > 0).astype(np.float32)
-    if box is not None:
-        return mask_from_box(pixels, box)
-    if alpha is not None:
-        return alpha
-    height, width = pixels.shape[:2]
-    notes.append("no mask or box given: the object was taken to be what stands out in the whole picture")
-    return mask_from_box(pixels, (0.04 * width, 0.04 * height, 0.92 * width, 0.92 * height))
-
-
-def _camera(
-    pixels: NDArray[np.float32], intrinsics: NDArray[Any] | Tensor | None, known: Tensor | None, notes: list[str]
-) -> tuple[Tensor, str]:
-    if intrinsics is not None:
-        given = torch.as_tensor(intrinsics, dtype=torch.float64)
-        if given.shape != (3, 3) or not bool(torch.isfinite(given).all()) or min(given[0, 0], given[1, 1]) <= 0:
-            raise ValueError(f"intrinsics must be (3, 3) with focal lengths above 0, got {given.tolist()}")
-        return given, "given"
-    if known is not None:
-        return known, "EXIF"
-    height, width = pixels.shape[:2]
-    notes.append("intrinsics assumed: a camera that sees 60° along the photo's longer side; distance depends on it")
-    return intrinsics_from_fov(width, height, 60.0), "assumed"
