@@ -217,12 +217,24 @@ class TestAnEncoder:
     @pytest.mark.parametrize("instance_norm", [False, True])
     def test_gives_mean_and_log_variance_of_each_picture_alone(self, instance_norm):
         torch.manual_seed(0)
-        encoder = ConvEncoder(5, (8, 16), 12, 16, instance_norm).double()
+        encoder = ConvEncoder(5, (8, 16), 12, 16, instance_norm=instance_norm).double()
         image = torch.rand(3, 3, 16, 16, dtype=torch.float64)
         for part, alone in zip(encoder(image), encoder(image[1:2]), strict=True):
             assert part.shape == (3, 5)
             assert part.dtype == torch.float64
             torch.testing.assert_close(part[1:2], alone, rtol=1e-12, atol=1e-12)
+
+    def test_sees_the_tint_and_begins_all_but_certain(self):
+        torch.manual_seed(0)
+        grey = torch.full((1, 3, 16, 16), 0.5)
+        red = grey + torch.tensor([0.1, -0.05, -0.05]).view(1, 3, 1, 1)
+        apart = {}
+        for grid in (0, 4):
+            torch.manual_seed(0)
+            encoder = ConvEncoder(5, (8, 16), 12, 16, tint_grid=grid)
+            apart[grid] = float((encoder(red)[0] - encoder(grey)[0]).norm().detach())
+            assert bool((encoder(grey)[1] < -3).all())
+        assert apart[4] > 2 * apart[0]
 
     def test_speaks_in_full_precision_under_autocast(self):
         with torch.autocast("cpu", dtype=torch.bfloat16):
@@ -231,7 +243,7 @@ class TestAnEncoder:
 
     def test_has_the_released_sizes_if_asked(self):
         # 3→64→128→256→512 by 3×3, then 512·4·4 → 128 → 32: weights and biases counted by hand.
-        encoder = ConvEncoder(16, (64, 128, 256, 512), 128, 64, instance_norm=True)
+        encoder = ConvEncoder(16, (64, 128, 256, 512), 128, 64, tint_grid=0, instance_norm=True)
         convolutions = sum(9 * a * b + b for a, b in ((3, 64), (64, 128), (128, 256), (256, 512)))
         assert sum(p.numel() for p in encoder.parameters()) == convolutions + 8192 * 128 + 128 + 128 * 32 + 32
 
