@@ -23,7 +23,7 @@ HANDLE_SHARE = 0.02
 
 
 @dataclass(frozen=True)
-class TestViews:
+class UnseenViews:
     """Photos of unseen procedural objects, cut out as `CategoryModel.pose` cuts a photo, with their true poses.
 
     Attributes:
@@ -37,7 +37,7 @@ class TestViews:
     visible: Tensor
 
 
-def unseen_views(model: CategoryModel, num_views: int, seed: int = 0, photo_size: int = 256) -> TestViews:
+def unseen_views(model: CategoryModel, num_views: int, seed: int = 0, photo_size: int = 256) -> UnseenViews:
     """Draw one view each of ``num_views`` objects of seeds and of shape and texture families held out of training.
 
     Azimuths over the full circle, elevations over the card's range, the training camera; each is drawn as a photo of
@@ -56,7 +56,7 @@ def unseen_views(model: CategoryModel, num_views: int, seed: int = 0, photo_size
         visible.append(card.category != "mug" or handle_share(view, mesh.extents) >= HANDLE_SHARE)
     image, mask = (torch.cat([piece.field(name) for piece in pieces]) for name in ("image", "mask"))
     keys = tuple(range(num_views))
-    return TestViews(Observation(image, mask, keys=keys), torch.stack(rotations), torch.tensor(visible))
+    return UnseenViews(Observation(image, mask, keys=keys), torch.stack(rotations), torch.tensor(visible))
 
 
 def handle_share(view: View, extents: NDArray[np.float32]) -> float:
@@ -72,7 +72,7 @@ def handle_share(view: View, extents: NDArray[np.float32]) -> float:
 
 def rotation_errors(
     model: CategoryModel,
-    views: TestViews,
+    views: UnseenViews,
     pipeline: FitPipeline | None = None,
     batch_size: int = 10,
     on_batch: Callable[[int], None] = lambda done: None,
