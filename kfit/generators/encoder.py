@@ -10,9 +10,9 @@ from torch.nn import functional as F
 
 from kfit.core import Encoder
 
-# Tints differ by a tenth where shapes and brightness differ by one; raised to their size they are learnt as soon.
+# Tints differ by about a tenth between objects; this brings them near the size of the other features.
 TINT_GAIN = 10.0
-# Codes begin all but certain (σ = 0.14): drowned in noise of σ = 1, what differs little between objects is not learnt.
+# Codes begin all but certain (σ = 0.14), so that noise does not hide what differs little between objects.
 FIRST_LOG_VARIANCE = -4.0
 
 
@@ -20,8 +20,8 @@ class ConvEncoder(Encoder):
     """Says which codes could have drawn a picture, by convolutions.
 
     Stride-2 convolutions, then two linear layers, the first of which sees beside their features the picture's tint
-    (RGB less its mean over the channels) averaged over a coarse grid: convolutions alone learn brightness and shape
-    long before they learn colour. The released encoder is that of ``channels=(64, 128, 256, 512), tint_grid=0,
+    (RGB less its mean over the channels) averaged over a coarse grid: with normalised convolutions alone, training
+    learnt brightness and shape but no hue. The released encoder is that of ``channels=(64, 128, 256, 512), tint_grid=0,
     instance_norm=True``.
 
     Args:
