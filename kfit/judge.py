@@ -39,7 +39,7 @@ class Judge:
         self.weights: dict[str, float] = {}
         self.num_evaluations = 0
         self.prepared = {
-            name: energy.prepare(_fields(observation, energy.on), observation.weight)
+            name: energy.prepare(observation.handed(energy.on), observation.weight)
             for name, energy in self.terms.items()
             if isinstance(energy, Energy)
         }
@@ -61,7 +61,7 @@ class Judge:
                 if isinstance(term, Prior):
                     terms[name] = term(values[term.on])
                 else:
-                    terms[name] = term.compare(_fields(rendering, term.on), self._gather(problem)[name])
+                    terms[name] = term.compare(rendering.handed(term.on), self._gather(problem)[name])
             energy = torch.stack([self.weights[name] * term for name, term in terms.items()]).sum(0)
             gradient = None
             if wants:
@@ -85,7 +85,3 @@ class Judge:
             rows = pytree.tree_map_only(Tensor, lambda tensor: tensor.index_select(0, problem), self.prepared)
             self._rows = (problem, rows)
         return self._rows[1]
-
-
-def _fields(source: Observation | Any, on: str | tuple[str, ...]) -> Any:
-    return source.field(on) if isinstance(on, str) else {name: source.field(name) for name in on}

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import torch
-
 from kfit.core import Callback, FitState
+from kfit.core.rows import best_first
 
 
 class Pruning(Callback):
@@ -28,9 +27,5 @@ class Pruning(Callback):
     def on_step(self, state: FitState) -> FitState:
         if state.step not in self.keep:
             return state
-        by_energy = state.best_energy.argsort(stable=True)
-        order = by_energy[state.problem[by_energy].argsort(stable=True)]
-        counts = torch.bincount(state.problem)
-        rank = torch.arange(len(order), device=order.device) - (counts.cumsum(0) - counts)[state.problem[order]]
-        survivors = order[rank < self.keep[state.step]]
-        return state.keep(survivors.sort().values)
+        order, place = best_first(state.best_energy, state.problem)
+        return state.keep(order[place < self.keep[state.step]].sort().values)

@@ -81,7 +81,7 @@ def run(said: Namespace) -> None:
     pipeline = model.pipeline()
     pipeline.callbacks.append(Progress())
     box = None if said.box is None else tuple(said.box)
-    result = model.pose(said.photo, mask=mask, box=box, intrinsics=camera, seed=said.seed, pipeline=pipeline)
+    result = model.pose(photo, mask=mask, box=box, intrinsics=camera, seed=said.seed, pipeline=pipeline)
     for note in result.notes:
         print(f"kfit: {note}", file=sys.stderr)
     overlay = write(result, photo.image, Path(said.out))

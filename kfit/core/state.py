@@ -29,6 +29,10 @@ class _Fields:
         tensor: Tensor = getattr(self, name)
         return tensor
 
+    def handed(self, on: str | tuple[str, ...]) -> Any:
+        """What an energy on ``on`` compares: one field's tensor, or a dict of several."""
+        return self.field(on) if isinstance(on, str) else {name: self.field(name) for name in on}
+
     def map(self, function: Callable[[Tensor], Tensor]) -> Any:
         """The same with ``function`` applied to each tensor."""
         held = {f.name: getattr(self, f.name) for f in fields(self)}  # type: ignore[arg-type]

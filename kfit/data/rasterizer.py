@@ -8,11 +8,10 @@ import cv2
 import numpy as np
 
 from kfit.data.mesh import Mesh
+from kfit.geometry import UNIT_FRACTION
 
 DISTANCE = 4.0
 """Distance of the standard camera from the object's centre, in box diagonals."""
-UNIT_FRACTION = 0.95
-"""Share of the picture's width that a unit diagonal at the object's centre spans."""
 
 RASTER_SETTINGS = (
     cv2.TriangleRasterizeSettings()

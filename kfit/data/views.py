@@ -18,7 +18,8 @@ from kfit.data import shapes
 from kfit.data.exposure import with_exposure
 from kfit.data.mesh import Mesh
 from kfit.data.mesh_files import load_mesh
-from kfit.data.rasterizer import DISTANCE, UNIT_FRACTION, Light, pose_view
+from kfit.data.rasterizer import DISTANCE, Light, pose_view
+from kfit.geometry import UNIT_FRACTION
 
 _log = logging.getLogger(__name__)
 

@@ -23,7 +23,7 @@ from kfit.models.given import as_photo, choose_camera, choose_mask
 from kfit.models.pose_result import Alternative, PoseResult
 from kfit.optimizers import Adam
 from kfit.pipeline import FitPipeline
-from kfit.segmentation import mask_from_alpha, read_photo
+from kfit.segmentation import Photo, mask_from_alpha, read_photo
 
 # Raw units a step, as the released code fits (neural_object_fitting@7309348): half-turns for angles.
 RATES = {"code": 0.3, "azimuth": 0.03, "elevation": 0.01, "roll": 0.01, "shift": 0.03, "scale": 0.03}
@@ -93,7 +93,7 @@ class CategoryModel:
 
     def pose(
         self,
-        image: str | Path | NDArray[Any],
+        image: str | Path | Photo | NDArray[Any],
         mask: NDArray[Any] | None = None,
         box: tuple[float, float, float, float] | None = None,
         intrinsics: NDArray[Any] | Tensor | None = None,
@@ -108,7 +108,8 @@ class CategoryModel:
         the longer side. Distance and size in metres rest on the category's mean size.
 
         Args:
-            image: path of a photo, or (H, W, 3) RGB: uint8, or floating point in [0, 1].
+            image: path of a photo, what `kfit.segmentation.read_photo` made of it, or (H, W, 3)
+                RGB: uint8, or floating point in [0, 1].
             mask: (H, W), above 0 on the object.
             box: left, top, width, height in pixels.
             intrinsics: (3, 3).
@@ -120,8 +121,8 @@ class CategoryModel:
         """
         notes: list[str] = []
         alpha, known = None, None
-        if isinstance(image, str | Path):
-            photo = read_photo(image)
+        if isinstance(image, str | Path | Photo):
+            photo = image if isinstance(image, Photo) else read_photo(image)
             pixels, known = photo.image, photo.intrinsics
             alpha = None if photo.alpha is None else mask_from_alpha(photo.alpha)
         else:

@@ -123,7 +123,7 @@ class ConditionalVAE(LightningModule):
     def _compare(self, drawn: Rendering, batch: dict[str, Tensor]) -> dict[str, Tensor]:
         target = Rendering(batch["target"], batch["target_mask"], batch.get("target_depth"))
         return {
-            name: energy(_read(drawn, energy.on), _read(target, energy.on)).mean()  # type: ignore[arg-type]
+            name: energy(drawn.handed(energy.on), target.handed(energy.on)).mean()  # type: ignore[arg-type]
             for name, energy in self.losses.items()
         }
 
@@ -143,10 +143,6 @@ def _share(step: int, total: int) -> float:
     if step < rise:
         return (step + 1) / (rise + 1)
     return (1 + math.cos(math.pi * min(1.0, (step - rise) / max(1, total - rise)))) / 2
-
-
-def _read(rendering: Rendering, on: str | tuple[str, ...]) -> Any:
-    return rendering.field(on) if isinstance(on, str) else {name: rendering.field(name) for name in on}
 
 
 def _is_plain(value: Any) -> bool:

@@ -6,11 +6,12 @@ import importlib
 
 import numpy as np
 
+from kfit import geometry
 from kfit.data.exposure import with_exposure
 from kfit.data.mesh import Mesh
 from kfit.data.rasterizer import Light
 
-CATEGORIES = ("bottle", "bowl", "camera", "can", "laptop", "mug")
+CATEGORIES = tuple(sorted(geometry.CATEGORIES, key=lambda name: geometry.CATEGORIES[name].nocs_id))
 """Names of the categories, in the order of NOCS's class ids 1 to 6."""
 
 
