@@ -9,7 +9,17 @@ import torch
 from torch import Tensor
 from torch.utils import _pytree as pytree
 
-from kfit.core import Energy, Evaluation, Generator, Observation, Prior, Variables
+from kfit.core import (
+    Energy,
+    Evaluation,
+    Generator,
+    Observation,
+    Prior,
+    Rendering,
+    ResidualEnergy,
+    ResidualPrior,
+    Variables,
+)
 from kfit.core.contracts import Need
 
 
@@ -46,30 +56,39 @@ class Judge:
         self._rows: tuple[Tensor, Any] | None = None
 
     def __call__(self, raw: Variables, problem: Tensor, need: Need = "value") -> Evaluation:
-        if need == "residuals":
-            raise ValueError("this pipeline offers energies and gradients; residuals come with Levenberg–Marquardt")
+        """Draw and compare.
+
+        Raises:
+            ValueError: if residuals are asked for and a term that is descended is no sum of squares.
+        """
         self.num_evaluations += len(problem)
         wants = need == "gradient"
+        terms: dict[str, Tensor] = {}
+        residuals: list[Tensor] = []
         with torch.set_grad_enabled(wants):
             leaves = {name: tensor.detach().requires_grad_(wants) for name, tensor in raw.items()}
             values = {name: self.spaces[name].to_value(leaf) for name, leaf in leaves.items()}
-            rendering = self.generator(**values)
-            terms = {}
+            rendering: Rendering = self.generator(**values)
             for name, term in self.terms.items():
-                if not self.weights[name] and not self.rank_weights.get(name):
+                weight = self.weights[name]
+                if not weight and not self.rank_weights.get(name):
                     continue
+                given: tuple[Any, ...]
                 if isinstance(term, Prior):
-                    terms[name] = term(values[term.on])
+                    given = (values[term.on],)
                 else:
-                    terms[name] = term.compare(rendering.handed(term.on), self._gather(problem)[name])
+                    given = (rendering.handed(term.on), self._gather(problem)[name])
+                if need == "residuals" and weight:
+                    parts = self._residuals(name, given)
+                    residuals.append(weight**0.5 * parts)
+                    terms[name] = parts.square().sum(1)
+                    continue
+                with torch.set_grad_enabled(wants and bool(weight)):  # what only ranks has no slope
+                    terms[name] = term(*given) if isinstance(term, Prior) else term.compare(*given)
             energy = torch.stack([self.weights[name] * term for name, term in terms.items()]).sum(0)
-            gradient = None
-            if wants:
-                slopes = torch.autograd.grad(energy.sum(), list(leaves.values()), allow_unused=True)
-                gradient = {
-                    name: torch.zeros_like(leaf) if slope is None else slope
-                    for (name, leaf), slope in zip(leaves.items(), slopes, strict=True)
-                }
+            gradient = self._gradient(energy, leaves) if wants else None
+        if need == "residuals":
+            residuals = residuals or [energy.new_zeros(len(problem), 0)]
         ranked = [self.rank_weights.get(name, 0.0) * term.detach() for name, term in terms.items()]
         return Evaluation(
             energy=energy.detach(),
@@ -77,7 +96,29 @@ class Judge:
             terms={name: term.detach() for name, term in terms.items()},
             values={name: value.detach() for name, value in values.items()},
             gradient=gradient,
+            residuals=torch.cat(residuals, 1) if residuals else None,
+            rendering=rendering.map(Tensor.detach),
         )
+
+    def _residuals(self, name: str, given: tuple[Any, ...]) -> Tensor:
+        term = self.terms[name]
+        if self.weights[name] < 0 or not isinstance(term, ResidualEnergy | ResidualPrior):
+            squares = [n for n, t in self.terms.items() if isinstance(t, ResidualEnergy | ResidualPrior)]
+            raise ValueError(
+                f"this optimizer needs terms that are sums of squares with weights above 0; {name!r} is not one, "
+                f"those that are: {', '.join(squares) or 'none'}"
+            )
+        return term.residuals(*given)
+
+    @staticmethod
+    def _gradient(energy: Tensor, leaves: Variables) -> Variables:
+        if not energy.requires_grad:  # no term has a weight at this step
+            return {name: torch.zeros_like(leaf) for name, leaf in leaves.items()}
+        slopes = torch.autograd.grad(energy.sum(), list(leaves.values()), allow_unused=True)
+        return {
+            name: torch.zeros_like(leaf) if slope is None else slope
+            for (name, leaf), slope in zip(leaves.items(), slopes, strict=True)
+        }
 
     def _gather(self, problem: Tensor) -> Any:
         """The targets' features for these rows, gathered anew only when the rows have changed."""

@@ -95,7 +95,8 @@ class FitPipeline(nn.Module):
         held = [value for initializer in self.initializers for value in vars(initializer).values()]
         self.networks = nn.ModuleList(value for value in held if isinstance(value, nn.Module))
         self.eval()
-        optimizer.init({name: torch.zeros(1, *v.shape) for name, v in generator.variables.items()})
+        zeros = {name: torch.zeros(1, *v.shape) for name, v in generator.variables.items()}
+        optimizer.init(zeros, torch.zeros(1, dtype=torch.long))
 
     def _check_initializers(self, generator: Generator) -> None:
         named = [name for initializer in self.initializers for name in initializer.on]
@@ -138,7 +139,8 @@ class FitPipeline(nn.Module):
         rank_weights = self.rank_weights or self._weights_at(self.num_steps)
         judge = Judge(self.generator, terms, rank_weights, observation)
         nothing = raw[next(iter(raw))].new_full((len(problem),), torch.inf)
-        state = FitState(0, self.num_steps, problem, start, raw, {}, nothing, {}, nothing, {}, self.optimizer.init(raw))
+        memory = self.optimizer.init(raw, self._seeds(observation, seed))
+        state = FitState(0, self.num_steps, problem, start, raw, {}, nothing, {}, nothing, {}, memory)
         for callback in self.callbacks:
             callback.on_start(state)
         recorder = Recorder(count, self.num_starts)
@@ -179,6 +181,11 @@ class FitPipeline(nn.Module):
                     raise ValueError(f"{type(initializer).__name__} must give {name!r} in shape {expected}, got {came}")
                 raw[name] = variables[name].space.to_raw(value.to(observation.image))
         return {name: raw[name] for name in variables}
+
+    def _seeds(self, observation: Observation, seed: int) -> Tensor:
+        keys, starts = observation.keys or (0,) * observation.num_problems, range(self.num_starts)
+        seeds = [_mix(seed, key, f"optimizer/{start}") for key in keys for start in starts]
+        return torch.tensor(seeds, device=observation.image.device)
 
     def _advance(self, state: FitState, step: int, new: Variables, seen: Evaluation, memory: Any) -> FitState:
         better = seen.ranking < state.best_energy  # False where the energy is NaN

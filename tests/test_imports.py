@@ -12,7 +12,7 @@ import kfit
 ROOT = Path(kfit.__file__).parent
 PARTS = {
     "energies", "initializers", "optimizers", "selectors", "callbacks", "features", "generators",
-    "metrics", "data", "segmentation",
+    "metrics", "data", "segmentation", "schedules",
 }  # fmt: skip
 BELOW_PARTS = {"core", "geometry"}
 BELOW_MODELS = BELOW_PARTS | PARTS | {"judge", "pipeline", "training"}
@@ -22,6 +22,7 @@ ALLOWED = {
     "geometry": {"core"},
     **{part: BELOW_PARTS for part in PARTS},
     "energies": BELOW_PARTS | {"features"},
+    "generators": BELOW_PARTS | {"features"},  # the encoders beside them
     "judge": BELOW_PARTS,
     "pipeline": BELOW_PARTS | PARTS | {"judge"},
     "training": BELOW_PARTS | PARTS | {"pipeline"},

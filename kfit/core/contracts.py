@@ -83,6 +83,22 @@ class Encoder(nn.Module, ABC):
         """Mean and log-variance (N, D) of a Gaussian over the code, from RGB (N, 3, S, S) in [0, 1] on white."""
 
 
+class PoseNetwork(nn.Module, ABC):
+    """Looks at pictures and says how likely they show their objects at each azimuth and elevation.
+
+    Attributes:
+        azimuths, elevations: (A,) and (E,) centres of its bins in radians, rising in even steps; A is 1 where the
+            object looks the same at all azimuths.
+    """
+
+    azimuths: Tensor
+    elevations: Tensor
+
+    @abstractmethod
+    def forward(self, image: Tensor) -> Tensor:
+        """Log-probabilities (N, A, E) of the bins, from RGB (N, 3, S, S) in [0, 1] on white."""
+
+
 class Energy(nn.Module, ABC):
     """How badly a prediction explains a target: one number a row, lower is better.
 
@@ -137,6 +153,17 @@ class Prior(nn.Module, ABC):
         """Energies (N,) of N values (N, \\*shape)."""
 
 
+class ResidualPrior(Prior):
+    """A prior that is a sum of squares: E = Σ_m r_m²."""
+
+    @abstractmethod
+    def residuals(self, value: Tensor) -> Tensor:
+        """Residuals (N, M) whose squares sum to the energy."""
+
+    def forward(self, value: Tensor) -> Tensor:
+        return self.residuals(value).square().sum(1)
+
+
 class Initializer(ABC):
     """Proposes starts.
 
@@ -174,7 +201,8 @@ class Evaluation:
         terms: (N,) each, unweighted.
         values: what the generator saw, (N, \\*shape) each.
         gradient: of the sum of ``energy`` over rows with respect to raw variables, if asked for.
-        residuals: (N, M), if asked for.
+        residuals: (N, M) whose squares sum to ``energy``, if asked for.
+        rendering: what was drawn, N pictures.
     """
 
     energy: Tensor
@@ -183,10 +211,14 @@ class Evaluation:
     values: Variables
     gradient: Variables | None = None
     residuals: Tensor | None = None
+    rendering: Rendering | None = None
 
 
 class Evaluate(Protocol):
-    """Draws rows and compares them: any number of rows, each with the problem that it belongs to."""
+    """Draws rows and compares them: any number of rows, each with the problem that it belongs to.
+
+    Only ``need="gradient"`` builds a graph; residuals can be had where all descended terms are sums of squares.
+    """
 
     def __call__(self, raw: Variables, problem: Tensor, need: Need = "value") -> Evaluation: ...
 
@@ -195,8 +227,12 @@ class Optimizer(ABC):
     """Moves rows downhill. Stateless: its memory is a value in which every tensor leads with rows."""
 
     @abstractmethod
-    def init(self, raw: Variables) -> Any:
+    def init(self, raw: Variables, seeds: Tensor) -> Any:
         """Memory for these rows.
+
+        Args:
+            raw: (N, \\*shape) each.
+            seeds: (N,) whole numbers, one a row, that decide the row's random numbers whatever rows are beside it.
 
         Raises:
             ValueError: if its settings name variables that do not exist.

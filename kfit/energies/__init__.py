@@ -1,9 +1,40 @@
 """Energies: how badly a picture explains an observation, and how unlikely a code is."""
 
 from kfit.energies.code_prior import CodePrior
+from kfit.energies.depth import Depth
+from kfit.energies.gradient import Gradient
+from kfit.energies.local_ncc import LocalNCC
+from kfit.energies.lpips import LPIPS
+from kfit.energies.ms_ssim import MSSSIM
+from kfit.energies.mutual_information import MutualInformation
+from kfit.energies.ncc import NCC
 from kfit.energies.perceptual import Perceptual
 from kfit.energies.pixel import L1, L2
+from kfit.energies.pyramid import Pyramid, ResidualPyramid
+from kfit.energies.robust import Cauchy, Charbonnier, GemanMcClure, Huber, Welsch
 from kfit.energies.silhouette import Silhouette, SoftIoU
 from kfit.energies.ssim import SSIM
 
-__all__ = ["L1", "L2", "SSIM", "CodePrior", "Perceptual", "Silhouette", "SoftIoU"]
+__all__ = [
+    "L1",
+    "L2",
+    "LPIPS",
+    "MSSSIM",
+    "NCC",
+    "SSIM",
+    "Cauchy",
+    "Charbonnier",
+    "CodePrior",
+    "Depth",
+    "GemanMcClure",
+    "Gradient",
+    "Huber",
+    "LocalNCC",
+    "MutualInformation",
+    "Perceptual",
+    "Pyramid",
+    "ResidualPyramid",
+    "Silhouette",
+    "SoftIoU",
+    "Welsch",
+]

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from torch import Tensor
 
-from kfit.core import Prior
+from kfit.core import ResidualPrior
 
 
-class CodePrior(Prior):
+class CodePrior(ResidualPrior):
     """Mean square of a code: up to scale the negative log-density under the standard normal that a VAE trains for.
 
     E = mean_k z_k²
@@ -23,5 +23,7 @@ class CodePrior(Prior):
         super().__init__()
         self.on = on
 
-    def forward(self, value: Tensor) -> Tensor:
-        return value.reshape(value.shape[0], -1).square().mean(1)
+    def residuals(self, value: Tensor) -> Tensor:
+        flat = value.reshape(value.shape[0], -1)
+        residuals: Tensor = flat / flat.shape[1] ** 0.5
+        return residuals

@@ -1,7 +1,9 @@
 """Networks whose activations energies compare."""
 
+from kfit.features.activations import Activations
+from kfit.features.alexnet import AlexNet
 from kfit.features.efficientnet_lite import EfficientNetLite0
 from kfit.features.network import FeatureNetwork
 from kfit.features.vgg import VGG16, VGG19
 
-__all__ = ["VGG16", "VGG19", "EfficientNetLite0", "FeatureNetwork"]
+__all__ = ["VGG16", "VGG19", "Activations", "AlexNet", "EfficientNetLite0", "FeatureNetwork"]

@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import pickle
-import sys
-from collections.abc import Mapping, Sequence
-from pathlib import Path
+from collections.abc import Sequence
 
-import torch
-from safetensors import SafetensorError
-from safetensors.torch import load_file
 from torch import Tensor, nn
 
 from kfit.core.check import check_names
 from kfit.features.network import FeatureNetwork
+from kfit.features.published import fill_published
 
 
 class _VGG(FeatureNetwork):
@@ -43,7 +38,7 @@ class _VGG(FeatureNetwork):
                 self.features.append(nn.ReLU(inplace=known[index - 1] not in layers))
             else:
                 self.features.append(nn.MaxPool2d(2))
-        self._fill(_read(weights) if weights is not None else self._fetch(), weights or self.url)
+        fill_published(self, self.url, self.megabytes, weights)
         self.freeze()
 
     def forward(self, image: Tensor) -> dict[str, Tensor]:
@@ -53,33 +48,6 @@ class _VGG(FeatureNetwork):
             if index in self.layers:
                 found[self.layers[index]] = x
         return found
-
-    def _fill(self, state: Mapping[str, Tensor], source: str) -> None:
-        for name, parameter in self.named_parameters():
-            given = state.get(name)
-            if not isinstance(given, Tensor) or given.shape != parameter.shape:
-                came = f"of shape {tuple(given.shape)}" if isinstance(given, Tensor) else "missing"
-                raise ValueError(
-                    f"weights: {source} is not torchvision's {type(self).__name__}: {name} must have shape "
-                    f"{tuple(parameter.shape)} and is {came}"
-                )
-            parameter.data.copy_(given)
-
-    def _fetch(self) -> Mapping[str, Tensor]:
-        name, cache = type(self).__name__, Path(torch.hub.get_dir()) / "checkpoints"
-        file = self.url.rsplit("/", 1)[1]
-        if not (cache / file).exists():
-            print(f"kfit: fetching {name}'s weights ({self.megabytes} MB) from {self.url} to {cache}", file=sys.stderr)
-        try:
-            state: Mapping[str, Tensor] = torch.hub.load_state_dict_from_url(
-                self.url, map_location="cpu", check_hash=True, weights_only=True
-            )
-        except (OSError, RuntimeError, EOFError, pickle.UnpicklingError) as error:
-            raise RuntimeError(
-                f"{name}'s weights could not be had from {self.url} ({error}); fetch the file where there is a network "
-                f"and pass its path, {name}(weights='{file}'), or put it into {cache}"
-            ) from error
-        return state
 
 
 class VGG16(_VGG):
@@ -125,17 +93,3 @@ def _names(convolutions: tuple[int, ...]) -> list[str]:
         names += [f"{kind}{block}_{i}" for i in range(1, count + 1) for kind in ("conv", "relu")]
         names.append(f"pool{block}")
     return names
-
-
-def _read(path: str) -> Mapping[str, Tensor]:
-    if not Path(path).is_file():
-        raise FileNotFoundError(f"weights: there is no file {path}")
-    try:
-        if path.endswith(".safetensors"):
-            return load_file(path)
-        state = torch.load(path, map_location="cpu", weights_only=True)
-    except (SafetensorError, RuntimeError, EOFError, OSError, pickle.UnpicklingError) as error:
-        raise ValueError(
-            f"weights: {path} can not be read; it must be a whole .pth or .safetensors file of tensors by name"
-        ) from error
-    return state if isinstance(state, Mapping) else {}

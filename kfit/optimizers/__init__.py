@@ -1,5 +1,10 @@
 """How rows move downhill."""
 
 from kfit.optimizers.adam import Adam
+from kfit.optimizers.auto_adam import AutoAdam
+from kfit.optimizers.cma_es import CMAES
+from kfit.optimizers.lbfgs import LBFGS
+from kfit.optimizers.levenberg_marquardt import LevenbergMarquardt
+from kfit.optimizers.stages import Stages
 
-__all__ = ["Adam"]
+__all__ = ["CMAES", "LBFGS", "Adam", "AutoAdam", "LevenbergMarquardt", "Stages"]

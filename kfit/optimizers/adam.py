@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import torch
+from torch import Tensor
 
 from kfit.core import Evaluate, Evaluation, Optimizer, Variables
 from kfit.core.check import check_names, check_range
@@ -29,31 +31,68 @@ class Adam(Optimizer):
         for name, rate in rates.items() if isinstance(rates, dict) else [("rates", rates)]:
             if not rate > 0:
                 raise ValueError(f"Adam: rates must be above 0, got {rate!r} for {name}")
-        for beta in betas:
-            check_range("Adam: betas", beta, 0.0, 1 - 1e-9)
+        check_betas(betas)
         self.rates, self.betas = rates, betas
 
-    def init(self, raw: Variables) -> Any:
+    def init(self, raw: Variables, seeds: Tensor) -> Any:
         if isinstance(self.rates, dict):
             check_names("rates", self.rates, raw, complete=True)
-        first = next(iter(raw.values()))
-        zeros = {name: torch.zeros_like(tensor) for name, tensor in raw.items()}
-        # The count is kept for each row so that it survives pruning with the rest.
-        return {"mean": zeros, "square": dict(zeros), "count": first.new_zeros(len(first))}
+        return moments(raw)
 
     def step(
-        self, evaluate: Evaluate, raw: Variables, problem: torch.Tensor, memory: Any
+        self, evaluate: Evaluate, raw: Variables, problem: Tensor, memory: Any
     ) -> tuple[Variables, Evaluation, Any]:
         seen = evaluate(raw, problem, need="gradient")
         assert seen.gradient is not None  # asked for one line above
-        low, high = self.betas
-        count = memory["count"] + 1
-        mean = {k: low * memory["mean"][k] + (1 - low) * g for k, g in seen.gradient.items()}
-        square = {k: high * memory["square"][k] + (1 - high) * g.square() for k, g in seen.gradient.items()}
-        new = {}
-        for name, tensor in raw.items():
-            rows = count.view(-1, *[1] * (tensor.dim() - 1))
-            rate = self.rates[name] if isinstance(self.rates, dict) else self.rates
-            step = (mean[name] / (1 - low**rows)) / ((square[name] / (1 - high**rows)).sqrt() + 1e-8)
-            new[name] = tensor - rate * step
-        return new, seen, {"mean": mean, "square": square, "count": count}
+        rates = self.rates if isinstance(self.rates, dict) else dict.fromkeys(raw, self.rates)
+        new, memory = moved(raw, seen.gradient, memory, rates, self.betas)
+        return new, seen, memory
+
+
+def check_betas(betas: tuple[float, float]) -> None:
+    """Refuse decays outside [0, 1).
+
+    Raises:
+        ValueError: if one is.
+    """
+    for beta in betas:
+        check_range("Adam: betas", beta, 0.0, 1 - 1e-9)
+
+
+def moments(raw: Variables) -> dict[str, Any]:
+    """Adam's memory before the first step."""
+    first = next(iter(raw.values()))
+    zeros = {name: torch.zeros_like(tensor) for name, tensor in raw.items()}
+    # The count is kept for each row so that it survives pruning with the rest.
+    return {"mean": zeros, "square": dict(zeros), "count": first.new_zeros(len(first))}
+
+
+def moved(
+    raw: Variables,
+    gradient: Variables,
+    memory: dict[str, Any],
+    rates: Mapping[str, float | Tensor],
+    betas: tuple[float, float],
+) -> tuple[Variables, dict[str, Any]]:
+    """One step of Adam.
+
+    Args:
+        raw, gradient: (N, \\*shape) each.
+        memory: of `moments` or of the step before.
+        rates: by variable; a tensor holds a rate for each row, (N,).
+        betas: decay of the two averages.
+
+    Returns:
+        The new raw numbers and the new memory.
+    """
+    low, high = betas
+    count = memory["count"] + 1
+    mean = {k: low * memory["mean"][k] + (1 - low) * g for k, g in gradient.items()}
+    square = {k: high * memory["square"][k] + (1 - high) * g.square() for k, g in gradient.items()}
+    new = {}
+    for name, tensor in raw.items():
+        tail = (-1, *[1] * (tensor.dim() - 1))
+        rows, rate = count.view(tail), rates[name]
+        step = (mean[name] / (1 - low**rows)) / ((square[name] / (1 - high**rows)).sqrt() + 1e-8)
+        new[name] = tensor - (rate.view(tail) if isinstance(rate, Tensor) else rate) * step
+    return new, {"mean": mean, "square": square, "count": count}

@@ -1,0 +1,37 @@
+"""Edges against edges."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from kornia.filters import spatial_gradient
+from torch import Tensor
+
+from kfit.core import ResidualEnergy
+from kfit.core.check import check_shape
+from kfit.energies.weighting import painted, shares
+
+
+class Gradient(ResidualEnergy):
+    """Mean squared difference of two pictures' slopes: their edges count, their brightness does not.
+
+    E = mean over channels and pixels of (∂_h x − ∂_h y)² + (∂_v x − ∂_v y)², with Kornia's normalised Sobel filter,
+    in units of the pictures' per pixel, the border repeated. Where the weight is 0 the pictures are taken to agree, so
+    that hidden pixels stay out of their neighbours' slopes.
+
+    Shape: pictures (N, C, H, W), weight (N, 1, H, W), energy (N,), residuals (N, 2·C·H·W).
+
+    Raises:
+        ValueError: if the pictures' shapes differ.
+    """
+
+    def prepare(self, target: Any, weight: Tensor | None = None) -> Any:
+        return super().prepare(painted(target, weight), weight)
+
+    def residuals(self, prediction: Any, prepared: Any) -> Tensor:
+        target, weight = prepared["target"], prepared.get("weight")
+        check_shape("prediction", prediction, tuple(target.shape))
+        # The filter is linear: the slopes of the difference are the differences of the slopes.
+        slopes = spatial_gradient(painted(prediction, weight) - target)
+        residuals: Tensor = slopes * shares(weight, target).sqrt().unsqueeze(2)
+        return residuals.flatten(1)

@@ -1,0 +1,71 @@
+"""Normalised cross-correlation in a window about each pixel."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from kfit.core import Energy
+from kfit.core.check import check_shape
+from kfit.energies.weighting import shares
+
+# A variance of about one grey level of 256, squared: windows flatter than that tell noise.
+_LEAST_VARIANCE = 1e-5
+
+
+class LocalNCC(Energy):
+    """How far two pictures are from being alike up to a brightness and contrast that may change from place to place.
+
+    E = mean over pixels and channels of (1 − ρ) / 2, where ρ = (cov(x, y) + c) / √((var x + c) · (var y + c)) over the
+    weighted pixels of a square window that the picture's border cuts off, and c = 1e-5 makes flat windows agree.
+    0 for pictures that differ by smooth changes of light, about 1/2 for unrelated ones, 1 for negatives.
+
+    Shape: pictures (N, C, H, W) in [0, 1], weight (N, 1, H, W), energy (N,).
+    Source: Avants et al., Symmetric diffeomorphic image registration with cross-correlation, 2008 (there squared).
+
+    Args:
+        window_size: width of the window in pixels, odd.
+
+    Raises:
+        ValueError: for an even window or one of a single pixel, and if the pictures' shapes differ.
+    """
+
+    def __init__(self, window_size: int = 9) -> None:
+        super().__init__()
+        if window_size < 3 or window_size % 2 == 0:
+            raise ValueError(f"window_size must be odd and at least 3, got {window_size}")
+        self.window_size = window_size
+
+    def prepare(self, target: Any, weight: Tensor | None = None) -> Any:
+        target = target.to(torch.promote_types(target.dtype, torch.float32))  # variances are small differences
+        counted = torch.ones_like(target[:, :1]) if weight is None else weight.to(target.dtype)
+        total = self._summed(counted)
+        window = {"counted": counted, "total": torch.where(total > 0, total, 1)}
+        mean, variance = self._moments(target, window)
+        return {"target": target, "mean": mean, "variance": variance, "share": shares(weight, target)} | window
+
+    def compare(self, prediction: Any, prepared: Any) -> Tensor:
+        target: Tensor = prepared["target"]
+        check_shape("prediction", prediction, tuple(target.shape))
+        prediction = prediction.to(target.dtype)
+        mean, variance = self._moments(prediction, prepared)
+        covariance = self._mean(prediction * target, prepared) - mean * prepared["mean"]
+        lengths = (variance + _LEAST_VARIANCE) * (prepared["variance"] + _LEAST_VARIANCE)
+        correlation = (covariance + _LEAST_VARIANCE) / lengths.sqrt()
+        energy: Tensor = ((1 - correlation) / 2 * prepared["share"]).sum((1, 2, 3))
+        return energy
+
+    def _moments(self, image: Tensor, window: dict[str, Tensor]) -> tuple[Tensor, Tensor]:
+        mean = self._mean(image, window)
+        return mean, self._mean(image.square(), window) - mean.square()
+
+    def _mean(self, image: Tensor, window: dict[str, Tensor]) -> Tensor:
+        return self._summed(image * window["counted"]) / window["total"]
+
+    def _summed(self, image: Tensor) -> Tensor:
+        """Sum over the window about each pixel; nothing lies outside the picture."""
+        summed: Tensor = F.avg_pool2d(image, self.window_size, 1, self.window_size // 2, divisor_override=1)
+        return summed

@@ -1,0 +1,73 @@
+"""Mutual information."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+from kornia.losses.mutual_information import xu_kernel
+from torch import Tensor
+
+from kfit.core import Energy
+from kfit.core.check import check_shape
+from kfit.energies.weighting import shares
+
+
+class MutualInformation(Energy):
+    """How little one picture tells about the other, whatever colours stand for what.
+
+    E = 2 − (H(x) + H(y)) / H(x, y), the mean over channels, with the entropies of a joint histogram over [0, 1] in
+    which each pixel falls into the bins beside it by a smooth kernel: 1 for independent pictures, lowest where one
+    determines the other. The kernel blurs the histogram, so that even a picture against itself stays above 0 unless
+    its colours lie at the centres of bins. What lies outside [0, 1] counts as 0 or 1.
+
+    Shape: pictures (N, C, H, W) in [0, 1], weight (N, 1, H, W), energy (N,) in [0, 1].
+    Source: Studholme, Hill and Hawkes, An overlap invariant entropy measure of 3D medical image alignment, 1999, whose
+    measure is 2 − E; soft histograms as Mattes et al., 2003, with the kernel of Xu et al., 2008, eq. 22.
+
+    Args:
+        num_bins: bins of the histogram along each side; their centres lie at 0, 1 / (num_bins − 1), …, 1.
+
+    Raises:
+        ValueError: for fewer than 2 bins, and if the pictures' shapes differ.
+    """
+
+    def __init__(self, num_bins: int = 32) -> None:
+        super().__init__()
+        if num_bins < 2:
+            raise ValueError(f"num_bins must be at least 2, got {num_bins}")
+        self.num_bins = num_bins
+
+    def prepare(self, target: Any, weight: Tensor | None = None) -> Any:
+        low, near = self._bins(target)
+        # each channel has a histogram of its own, so its shares must sum to 1
+        share = shares(weight, target[:, :1]).flatten(2).unsqueeze(2)
+        return {"target": target, "low": low, "near": near * share}
+
+    def compare(self, prediction: Any, prepared: Any) -> Tensor:
+        check_shape("prediction", prediction, tuple(prepared["target"].shape))
+        low, near = self._bins(prediction)
+        count = self.num_bins
+        # a pixel falls into four bins: the two of the prediction by the two of the target
+        apart = torch.tensor([0, 1, count, count + 1], device=low.device)[:, None]
+        index = (low * count + prepared["low"]).unsqueeze(2) + apart
+        falls = near.unsqueeze(3) * prepared["near"].unsqueeze(2)
+        joint = falls.new_zeros(*falls.shape[:2], count**2).scatter_add(2, index.flatten(2), falls.flatten(2))
+        both, table = _entropy(joint), joint.unflatten(2, (count, count))
+        # two pictures of one colour each have no entropy at all, and agree
+        excess = 2 * both - _entropy(table.sum(2)) - _entropy(table.sum(3))
+        return (excess / torch.where(both > 1e-6, both, 1)).mean(1)
+
+    def _bins(self, image: Tensor) -> tuple[Tensor, Tensor]:
+        """Lower of the two bins (N, C, H·W) between whose centres each pixel lies, and its parts (N, C, 2, H·W)."""
+        place = image.to(torch.promote_types(image.dtype, torch.float32)).clamp(0, 1).flatten(2) * (self.num_bins - 1)
+        # what is not a number has no bin; it must not cost the other rows theirs, and its own row must tell
+        low = place.detach().nan_to_num().long().clamp_max(self.num_bins - 2)
+        part = place - low
+        near: Tensor = xu_kernel(torch.stack([part, part - 1], 2))
+        return low, torch.where(part.isnan().unsqueeze(2), torch.nan, near)
+
+
+def _entropy(share: Tensor) -> Tensor:
+    """−Σ p log p over the last axis; of empty bins 0, slope included."""
+    return -(share * share.clamp_min(1e-12).log()).sum(-1)

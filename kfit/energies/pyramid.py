@@ -1,0 +1,95 @@
+"""Any energy, at several resolutions."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from kfit.core import Energy, ResidualEnergy
+
+
+class Pyramid(Energy):
+    """The mean of an energy over a picture, its half, its quarter, …: coarse levels pull from afar, fine ones settle.
+
+    E = 1/L Σ_l e(x_l, y_l; w_l), where each level holds the weighted means of 2×2 pixels of the one before, and as
+    weights the means of their weights. Odd last rows and columns are left out of the coarser level.
+
+    Shape: as the energy's; H and W at least 2^(L − 1), and as large at the coarsest level as the energy demands.
+
+    Args:
+        energy: compares each level; compares the same fields of a rendering as alone.
+        num_levels: L, 1 for the picture alone.
+
+    Raises:
+        ValueError: for no levels, and for pictures too small for them.
+    """
+
+    def __init__(self, energy: Energy, num_levels: int = 3) -> None:
+        super().__init__()
+        if num_levels < 1:
+            raise ValueError(f"num_levels must be at least 1, got {num_levels}")
+        self.energy, self.num_levels, self.on = energy, num_levels, energy.on
+
+    def prepare(self, target: Any, weight: Tensor | None = None) -> Any:
+        levels, weights = [], []
+        for number in range(self.num_levels):
+            if number:
+                target = _halved(target, weight)
+                weight = None if weight is None else _pooled(weight)
+            levels.append(self.energy.prepare(target, weight))
+            weights.append(weight)
+        return {"levels": levels} if weight is None else {"levels": levels, "weights": weights}
+
+    def compare(self, prediction: Any, prepared: Any) -> Tensor:
+        return torch.stack([self.energy.compare(*level) for level in self._levels(prediction, prepared)]).mean(0)
+
+    def _levels(self, prediction: Any, prepared: Any) -> Iterator[tuple[Any, Any]]:
+        """Prediction and prepared target of each level, the finest first."""
+        for number, level in enumerate(prepared["levels"]):
+            if number:
+                prediction = _halved(prediction, prepared["weights"][number - 1] if "weights" in prepared else None)
+            yield prediction, level
+
+
+class ResidualPyramid(Pyramid, ResidualEnergy):
+    """`Pyramid` of an energy that is a sum of squares, which it then is too.
+
+    Shape: residuals (N, Σ_l M_l), those of each level over √L.
+
+    Args:
+        energy: as `Pyramid`, with residuals.
+        num_levels: L, 1 for the picture alone.
+    """
+
+    energy: ResidualEnergy
+
+    def __init__(self, energy: ResidualEnergy, num_levels: int = 3) -> None:
+        super().__init__(energy, num_levels)
+
+    def residuals(self, prediction: Any, prepared: Any) -> Tensor:
+        found = [self.energy.residuals(*level) for level in self._levels(prediction, prepared)]
+        return torch.cat(found, 1) / math.sqrt(self.num_levels)
+
+
+def _halved(pictures: Any, weight: Tensor | None) -> Any:
+    """Pictures (N, C, H, W), one or a dict of them, at half the size."""
+    if isinstance(pictures, dict):
+        return {name: _halved(picture, weight) for name, picture in pictures.items()}
+    if weight is None:
+        return _pooled(pictures)
+    weight = weight.to(pictures.dtype)
+    # rather than 0 times what is hidden, which may be NaN
+    seen = torch.where(weight > 0, pictures * weight, 0)
+    total = _pooled(weight)
+    return _pooled(seen) / torch.where(total > 0, total, 1)
+
+
+def _pooled(picture: Tensor) -> Tensor:
+    if min(picture.shape[-2:]) < 2:
+        raise ValueError(f"num_levels is too large: a level of {tuple(picture.shape[-2:])} pixels has no half")
+    return F.avg_pool2d(picture if picture.is_floating_point() else picture.float(), 2)

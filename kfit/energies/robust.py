@@ -1,0 +1,115 @@
+"""Kernels that grow more slowly than the square, so that a few wrong pixels do not rule the fit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import torch
+import torch.nn.functional as F
+from kornia.losses import cauchy_loss, charbonnier_loss, geman_mcclure_loss, welsch_loss
+from torch import Tensor
+
+from kfit.core import ResidualEnergy
+from kfit.core.check import check_shape
+from kfit.energies.weighting import shares
+
+
+class _Robust(ResidualEnergy):
+    # ρ(u) of each number as loss(u, 0, reduction="none"), about u² / 2 where u is small
+    loss: Callable[..., Tensor]
+
+    def __init__(self, scale: float = 0.1) -> None:
+        super().__init__()
+        if not scale > 0:
+            raise ValueError(f"scale must be above 0, got {scale!r}")
+        self.scale = scale
+
+    def residuals(self, prediction: Any, prepared: Any) -> Tensor:
+        target: Tensor = prepared["target"]
+        check_shape("prediction", prediction, tuple(target.shape))
+        share = shares(prepared.get("weight"), target)
+        u = ((prediction - target) / self.scale).to(share.dtype)
+        # r = ±√ρ is smooth, its formula is not: near 0, where ρ(u) = u² / 2, the root has no slope
+        near = u.abs() < 1e-4
+        far = torch.where(near, 1.0, u)
+        root = self.loss(far, torch.zeros_like(u), reduction="none").sqrt() * far.sign()
+        residuals: Tensor = torch.where(near, u * 0.5**0.5, root) * share.sqrt()
+        return residuals.flatten(1)
+
+
+class Charbonnier(_Robust):
+    """Square for small differences, absolute for large ones, smooth in between.
+
+    E = Σ_p w_p · mean_c ρ((x_pc − y_pc) / s) / Σ_p w_p, with ρ(u) = √(u² + 1) − 1.
+
+    All kernels of this file are about u² / 2 for differences well below the scale s, and give residuals ±√ρ, so that
+    a least-squares optimizer can take them.
+
+    Shape: pictures (N, C, H, W), weight (N, 1, H, W), energy (N,), residuals (N, C·H·W).
+    Source: Charbonnier et al., 1994; α = 1 in Barron, A general and adaptive robust loss function, 2019.
+
+    Args:
+        scale: difference s from which on pixels lose weight, in the pictures' units.
+
+    Raises:
+        ValueError: for a scale that is not above 0, and if the pictures' shapes differ.
+    """
+
+    loss = staticmethod(charbonnier_loss)
+
+
+class Huber(_Robust):
+    """Square below the scale, absolute above it.
+
+    As `Charbonnier`, with ρ(u) = u² / 2 for |u| ≤ 1 and |u| − 1/2 above.
+
+    Source: Huber, Robust estimation of a location parameter, 1964.
+
+    Args:
+        scale: difference s from which on it grows linearly, in the pictures' units.
+    """
+
+    loss = staticmethod(F.huber_loss)
+
+
+class Cauchy(_Robust):
+    """Grows with the logarithm of large differences.
+
+    As `Charbonnier`, with ρ(u) = log(1 + u² / 2).
+
+    Source: Black and Anandan, 1996 (Lorentzian); α = 0 in Barron, 2019.
+
+    Args:
+        scale: difference s from which on pixels lose weight, in the pictures' units.
+    """
+
+    loss = staticmethod(cauchy_loss)
+
+
+class GemanMcClure(_Robust):
+    """Levels off: a pixel that is altogether wrong costs 2, whatever its difference.
+
+    As `Charbonnier`, with ρ(u) = 2u² / (u² + 4).
+
+    Source: Geman and McClure, 1985; α = −2 in Barron, 2019.
+
+    Args:
+        scale: difference s from which on pixels lose weight, in the pictures' units.
+    """
+
+    loss = staticmethod(geman_mcclure_loss)
+
+
+class Welsch(_Robust):
+    """Levels off at 1, faster than `GemanMcClure`.
+
+    As `Charbonnier`, with ρ(u) = 1 − exp(−u² / 2).
+
+    Source: Dennis and Welsch, 1978; α → −∞ in Barron, 2019.
+
+    Args:
+        scale: difference s from which on pixels lose weight, in the pictures' units.
+    """
+
+    loss = staticmethod(welsch_loss)

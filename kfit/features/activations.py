@@ -1,0 +1,99 @@
+"""Any torch network as a feature network: what some of its modules gave out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextvars import ContextVar
+from functools import partial
+from typing import Any
+
+from torch import Tensor, nn
+
+from kfit.core import frozen
+from kfit.core.check import check_names
+from kfit.features.network import FeatureNetwork
+
+# Where the hooks of the call at hand put what they saw. Threads share networks, and each has a context of its own.
+_FOUND: ContextVar[dict[str, Any] | None] = ContextVar("found", default=None)
+
+
+class Activations(FeatureNetwork):
+    """Outputs of named modules of a network that knows nothing of it, such as DINO's blocks.
+
+    The network is held as a frozen twin, in evaluation mode; the one that was given stays as it was. Of a module that
+    gives out a tuple the first tensor is taken, and of one that runs several times in a picture the last output.
+
+    Tokens (N, T, D) of a transformer become (N, D, h, w) when ``num_prefix_tokens`` is given: that many are dropped in
+    front, and the others fill a grid row by row, of the picture's aspect. A network that wants pictures of another
+    size stands behind an ``nn.Upsample`` in an ``nn.Sequential``; its modules' names then begin with "1.".
+
+    Shape: pictures (N, 3, H, W) in [0, 1]; features (N, C, h, w).
+
+    Args:
+        network: takes normalised pictures (N, 3, H, W).
+        layers: names of its modules as ``network.named_modules()`` spells them, "layer2.0.conv1".
+        num_prefix_tokens: tokens in front that stand for no patch (class and register tokens); None if the layers
+            give out pictures.
+        mean, std: what pictures are normalised by, one number a channel; ImageNet's unless given.
+
+    Raises:
+        ValueError: for modules that do not exist or that never ran, and outputs of other shapes.
+    """
+
+    def __init__(
+        self,
+        network: nn.Module,
+        layers: Sequence[str],
+        num_prefix_tokens: int | None = None,
+        mean: tuple[float, float, float] = (0.485, 0.456, 0.406),
+        std: tuple[float, float, float] = (0.229, 0.224, 0.225),
+    ) -> None:
+        super().__init__(mean, std)
+        if not layers:
+            raise ValueError("layers must name at least one module, got none")
+        self.network, self.layers, self.num_prefix_tokens = frozen(network), tuple(layers), num_prefix_tokens
+        modules = dict(self.network.named_modules())
+        check_names("layers", layers, modules)
+        for name in self.layers:
+            modules[name].register_forward_hook(partial(_remember, name))
+        self.freeze()
+
+    def forward(self, image: Tensor) -> dict[str, Tensor]:
+        found: dict[str, Any] = {}
+        token = _FOUND.set(found)
+        try:
+            self.network(self.normalized(image))
+        finally:
+            _FOUND.reset(token)
+        missing = [name for name in self.layers if name not in found]
+        if missing:
+            raise ValueError(f"layers: {', '.join(missing)} did not run when the network looked at a picture")
+        return {name: self._picture(name, found[name], image) for name in self.layers}
+
+    def _picture(self, name: str, output: Any, image: Tensor) -> Tensor:
+        came = tuple(output.shape) if isinstance(output, Tensor) else type(output).__name__
+        if isinstance(output, Tensor) and output.dim() == 4:
+            return output
+        if not isinstance(output, Tensor) or output.dim() != 3 or self.num_prefix_tokens is None:
+            raise ValueError(
+                f"layers: {name} must give (N, C, h, w), or tokens (N, T, D) where num_prefix_tokens is set, got {came}"
+            )
+        height, width = image.shape[-2:]
+        patches = output[:, self.num_prefix_tokens :]
+        rows = round((patches.shape[1] * height / width) ** 0.5)
+        columns = patches.shape[1] // max(rows, 1)
+        if rows * columns == 0 or rows * columns != patches.shape[1]:
+            raise ValueError(
+                f"num_prefix_tokens: after {self.num_prefix_tokens} tokens, {name} leaves {patches.shape[1]} for a "
+                f"picture of {height}×{width}, which fill no grid of its aspect"
+            )
+        picture: Tensor = patches.transpose(1, 2).unflatten(2, (rows, columns))
+        return picture
+
+
+def _remember(name: str, module: nn.Module, inputs: Any, output: Any) -> None:
+    found = _FOUND.get()
+    if found is not None:
+        first = output[0] if isinstance(output, (tuple, list)) else output
+        # a copy, because what comes next may write into its input
+        found[name] = first.clone() if isinstance(first, Tensor) else first

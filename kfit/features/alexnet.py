@@ -1,0 +1,79 @@
+"""AlexNet without torchvision, on torchvision's published weights."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from torch import Tensor, nn
+
+from kfit.core.check import check_names
+from kfit.features.network import FeatureNetwork
+from kfit.features.published import fill_published
+
+# channels out, kernel, stride, padding of each convolution
+_CONVOLUTIONS = ((64, 11, 4, 2), (192, 5, 1, 2), (384, 3, 1, 1), (256, 3, 1, 1), (256, 3, 1, 1))
+# Names in order: the position of a name is torchvision's number of the module.
+_NAMES = (
+    "conv1", "relu1", "pool1", "conv2", "relu2", "pool2", "conv3", "relu3", "conv4", "relu4", "conv5", "relu5", "pool5",
+)  # fmt: skip
+
+
+class AlexNet(FeatureNetwork):
+    """AlexNet trained on ImageNet, up to the last layer that is asked for.
+
+    Layers are "conv1", "relu1", … "relu5", "pool1", "pool2" and "pool5"; layer "relu5" of a 64×64 picture is
+    (N, 256, 3, 3).
+
+    Shape: pictures (N, 3, H, W), H and W at least 31 for layers from "pool2" on and 63 for "pool5".
+    Source: Krizhevsky, One weird trick for parallelizing convolutional neural networks, 2014; weights as torchvision
+    publishes them (BSD-3-Clause).
+
+    Args:
+        layers: names of the layers to give out.
+        weights: path of a .pth or .safetensors file with torchvision's names; None takes torchvision's published
+            file from torch.hub's cache, fetching it (233 MB) the first time.
+
+    Raises:
+        ValueError: for a layer that does not exist, a file that is truncated or holds another network, and pictures
+            that are too small for the layers.
+        FileNotFoundError: if there is no file at ``weights``.
+        RuntimeError: if the published file can not be fetched.
+    """
+
+    url = "https://download.pytorch.org/models/alexnet-owt-7be5be79.pth"
+    megabytes = 233
+
+    def __init__(self, layers: Sequence[str] = ("relu3",), weights: str | None = None) -> None:
+        super().__init__()
+        check_names("layers", layers, _NAMES)
+        if not layers:
+            raise ValueError(f"layers must name at least one of {', '.join(_NAMES)}")
+        self.features = nn.Sequential()
+        self.layers: dict[int, str] = {}
+        channels = 3
+        for index, name in enumerate(_NAMES[: max(_NAMES.index(name) for name in layers) + 1]):
+            if name in layers:
+                self.layers[index] = name
+            if name.startswith("conv"):
+                width, kernel, stride, padding = _CONVOLUTIONS[int(name[4]) - 1]
+                self.features.append(nn.utils.skip_init(nn.Conv2d, channels, width, kernel, stride, padding))
+                channels = width
+            elif name.startswith("relu"):
+                # in place spares memory, and would overwrite a convolution that was asked for
+                self.features.append(nn.ReLU(inplace=_NAMES[index - 1] not in layers))
+            else:
+                self.features.append(nn.MaxPool2d(3, 2))
+        num_pools = sum(name.startswith("pool") for name in _NAMES[: len(self.features)])
+        self.least = (7, 15, 31, 63)[num_pools]
+        fill_published(self, self.url, self.megabytes, weights)
+        self.freeze()
+
+    def forward(self, image: Tensor) -> dict[str, Tensor]:
+        x, found = self.normalized(image), {}
+        if min(image.shape[-2:]) < self.least:
+            raise ValueError(f"image must be {self.least} pixels high and wide or more, got {tuple(image.shape[-2:])}")
+        for index, module in enumerate(self.features):
+            x = module(x)
+            if index in self.layers:
+                found[self.layers[index]] = x
+        return found

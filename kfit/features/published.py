@@ -1,0 +1,70 @@
+"""The weights that torchvision publishes, without torchvision."""
+
+from __future__ import annotations
+
+import pickle
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+
+import torch
+from safetensors import SafetensorError
+from safetensors.torch import load_file
+from torch import Tensor, nn
+
+
+def fill_published(network: nn.Module, url: str, megabytes: int, weights: str | None = None) -> None:
+    """Fill a network with torchvision's published numbers for its parameters' names.
+
+    Args:
+        network: its class bears the name of torchvision's, and its parameters torchvision's names.
+        url: of the published file, which is looked for in torch.hub's cache first.
+        megabytes: size of that file, which the message on fetching it tells.
+        weights: path of a .pth or .safetensors file to take instead.
+
+    Raises:
+        ValueError: for a file that is truncated or holds another network.
+        FileNotFoundError: if there is no file at ``weights``.
+        RuntimeError: if the published file can not be fetched.
+    """
+    name = type(network).__name__
+    state = _read(weights) if weights is not None else _fetch(name, url, megabytes)
+    for parameter_name, parameter in network.named_parameters():
+        given = state.get(parameter_name)
+        if not isinstance(given, Tensor) or given.shape != parameter.shape:
+            came = f"of shape {tuple(given.shape)}" if isinstance(given, Tensor) else "missing"
+            raise ValueError(
+                f"weights: {weights or url} is not torchvision's {name}: {parameter_name} must have shape "
+                f"{tuple(parameter.shape)} and is {came}"
+            )
+        parameter.data.copy_(given)
+
+
+def _fetch(name: str, url: str, megabytes: int) -> Mapping[str, Tensor]:
+    cache, file = Path(torch.hub.get_dir()) / "checkpoints", url.rsplit("/", 1)[1]
+    if not (cache / file).exists():
+        print(f"kfit: fetching {name}'s weights ({megabytes} MB) from {url} to {cache}", file=sys.stderr)
+    try:
+        state: Mapping[str, Tensor] = torch.hub.load_state_dict_from_url(
+            url, map_location="cpu", check_hash=True, weights_only=True
+        )
+    except (OSError, RuntimeError, EOFError, pickle.UnpicklingError) as error:
+        raise RuntimeError(
+            f"{name}'s weights could not be had from {url} ({error}); fetch the file where there is a network "
+            f"and pass its path, {name}(weights='{file}'), or put it into {cache}"
+        ) from error
+    return state
+
+
+def _read(path: str) -> Mapping[str, Tensor]:
+    if not Path(path).is_file():
+        raise FileNotFoundError(f"weights: there is no file {path}")
+    try:
+        if path.endswith(".safetensors"):
+            return load_file(path)
+        state = torch.load(path, map_location="cpu", weights_only=True)
+    except (SafetensorError, RuntimeError, EOFError, OSError, pickle.UnpicklingError) as error:
+        raise ValueError(
+            f"weights: {path} can not be read; it must be a whole .pth or .safetensors file of tensors by name"
+        ) from error
+    return state if isinstance(state, Mapping) else {}

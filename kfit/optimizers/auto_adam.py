@@ -1,0 +1,71 @@
+"""Adam whose rates come from how far each variable changes the picture."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from kfit.core import Evaluate, Evaluation, Optimizer, Rendering, Variables
+from kfit.optimizers.adam import check_betas, moments, moved
+from kfit.optimizers.random import normal
+
+
+class AutoAdam(Optimizer):
+    """`Adam` with a rate for each variable and row such that each variable's step changes the picture about equally.
+
+    rate_v = change / s_v, where s_v is the root mean square difference that a small step of all numbers of the variable
+    at once, with random signs, makes to the picture, divided by the step's length; at most 1 raw unit a step. It is
+    measured once, at a row's first step, by one more picture for each variable.
+
+    The idea is SimpleITK's ``SetOptimizerScalesFromPhysicalShift``, with the picture's change in place of the points'
+    shift, since not every variable moves points.
+
+    Args:
+        change: root mean square change of the picture that each variable's step makes, in the pictures' units.
+        betas: decay of Adam's two averages.
+
+    Raises:
+        ValueError: for a change that is not above zero and betas outside [0, 1).
+    """
+
+    def __init__(self, change: float = 0.01, betas: tuple[float, float] = (0.5, 0.999)) -> None:
+        if not change > 0:
+            raise ValueError(f"AutoAdam: change must be above 0, got {change!r}")
+        check_betas(betas)
+        self.change, self.betas = change, betas
+
+    def init(self, raw: Variables, seeds: Tensor) -> Any:
+        unknown = {name: tensor.new_full((len(tensor),), torch.nan) for name, tensor in raw.items()}
+        return {"moments": moments(raw), "seed": seeds, "rates": unknown, "measured": torch.zeros_like(seeds).bool()}
+
+    def step(
+        self, evaluate: Evaluate, raw: Variables, problem: Tensor, memory: Any
+    ) -> tuple[Variables, Evaluation, Any]:
+        seen = evaluate(raw, problem, need="gradient")
+        assert seen.gradient is not None  # asked for one line above
+        rates = memory["rates"]
+        if not bool(memory["measured"].all()):
+            rates = self._rates(evaluate, raw, problem, seen, memory["seed"])
+        new, held = moved(raw, seen.gradient, memory["moments"], rates, self.betas)
+        measured = torch.ones_like(memory["measured"])
+        return new, seen, {"moments": held, "seed": memory["seed"], "rates": rates, "measured": measured}
+
+    def _rates(
+        self, evaluate: Evaluate, raw: Variables, problem: Tensor, seen: Evaluation, seeds: Tensor
+    ) -> dict[str, Tensor]:
+        before, rates = _picture(seen.rendering), {}
+        length = torch.finfo(before.dtype).eps ** (1 / 3)
+        for number, (name, tensor) in enumerate(raw.items()):
+            signs = normal(seeds + number, tensor.shape[1:], tensor).sign()
+            after = _picture(evaluate({**raw, name: tensor + length * signs}, problem).rendering)
+            sensitivity = (after - before).flatten(1).square().mean(1).sqrt() / length
+            rates[name] = self.change / sensitivity.to(tensor).clamp_min(self.change)
+        return rates
+
+
+def _picture(rendering: Rendering | None) -> Tensor:
+    if rendering is None:
+        raise ValueError("AutoAdam measures how the picture changes, and this evaluation has none")
+    return rendering.image

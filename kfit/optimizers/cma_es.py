@@ -1,0 +1,113 @@
+"""Evolution of a normal distribution for each row, without gradients."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from kfit.core import Evaluate, Evaluation, Optimizer, Variables
+from kfit.core.check import check_names
+from kfit.optimizers.flat import flatten, unflatten
+from kfit.optimizers.random import normal
+
+
+class CMAES(Optimizer):
+    """Covariance matrix adaptation (Hansen, The CMA evolution strategy: a tutorial, 2016, with μ positive weights).
+
+    Each row is the mean of a normal distribution of its own. A step draws a population around it, moves the mean to
+    the weighted best half, and adapts covariance and step size to where that lay. It asks for energies alone, so it
+    fits through any generator, one exported to ONNX as well; a step draws 1 + population pictures a row. The random
+    numbers of a row come from its seed.
+
+    Args:
+        spread: standard deviation at the start in raw units, one for all variables or one for each.
+        population: pictures a step and row; 4 + ⌊3 ln P⌋ for P numbers unless given.
+
+    Raises:
+        ValueError: for spreads that are not above 0, a population below 4, or, when a fit starts, names that differ
+            from the generator's variables.
+    """
+
+    def __init__(self, spread: float | dict[str, float] = 0.1, population: int | None = None) -> None:
+        for name, width in spread.items() if isinstance(spread, dict) else [("spread", spread)]:
+            if not width > 0:
+                raise ValueError(f"CMAES: spread must be above 0, got {width!r} for {name}")
+        if population is not None and population < 4:
+            raise ValueError(f"CMAES: population must be at least 4, got {population}")
+        self.spread, self.population = spread, population
+
+    def init(self, raw: Variables, seeds: Tensor) -> Any:
+        if isinstance(self.spread, dict):
+            check_names("spread", self.spread, raw, complete=True)
+        spread = self.spread if isinstance(self.spread, dict) else dict.fromkeys(raw, self.spread)
+        widths = flatten({name: torch.full_like(tensor, spread[name]) for name, tensor in raw.items()})
+        zeros = torch.zeros_like(widths)
+        return {
+            "covariance": torch.diag_embed(widths.square()),
+            "size": torch.ones_like(widths[:, 0]),
+            "path": zeros,
+            "size_path": zeros,
+            "seed": seeds,
+            "count": torch.zeros_like(seeds),
+        }
+
+    def step(
+        self, evaluate: Evaluate, raw: Variables, problem: Tensor, memory: Any
+    ) -> tuple[Variables, Evaluation, Any]:
+        seen = evaluate(raw, problem)
+        mean = flatten(raw)
+        rows, dim = mean.shape
+        population = self.population or 4 + math.floor(3 * math.log(dim))
+        # A row that is no number must not stop the others' decomposition.
+        fine = memory["covariance"].isfinite().flatten(1).all(1)[:, None, None]
+        eye = torch.eye(dim, dtype=mean.dtype, device=mean.device)
+        spectrum, axes = torch.linalg.eigh(torch.where(fine, memory["covariance"], eye))
+        deviations = spectrum.clamp_min(1e-20).sqrt()
+        drawn = normal(memory["seed"] + memory["count"], (population, dim), mean)
+        steps = (drawn * deviations[:, None]) @ axes.mT  # (N, population, P)
+        tried = (mean[:, None] + memory["size"][:, None, None] * steps).flatten(0, 1)
+        energy = evaluate(unflatten(tried, raw), problem.repeat_interleave(population)).energy
+        energy = torch.where(energy.isfinite(), energy, torch.inf).view(rows, population)
+        best = energy.argsort(dim=1, stable=True)[:, : population // 2]
+        chosen = steps.gather(1, best[..., None].expand(-1, -1, dim))
+        new, memory = self._adapted(mean, chosen, (deviations, axes), population, memory)
+        return unflatten(new, raw), seen, memory
+
+    @staticmethod
+    def _adapted(
+        mean: Tensor, chosen: Tensor, roots: tuple[Tensor, Tensor], population: int, memory: Any
+    ) -> tuple[Tensor, Any]:
+        """The new mean and memory; the constants are the tutorial's (table 1)."""
+        dim, parents = mean.shape[1], chosen.shape[1]
+        weights = math.log((population + 1) / 2) - torch.arange(1, parents + 1).to(mean).log()
+        weights = weights / weights.sum()
+        mass = float(1 / weights.square().sum())
+        size_rate = (mass + 2) / (dim + mass + 5)
+        size_damp = 1 + 2 * max(0.0, math.sqrt((mass - 1) / (dim + 1)) - 1) + size_rate
+        path_rate = (4 + mass / dim) / (dim + 4 + 2 * mass / dim)
+        one_rate = 2 / ((dim + 1.3) ** 2 + mass)
+        many_rate = min(1 - one_rate, 2 * (mass - 2 + 1 / mass) / ((dim + 2) ** 2 + mass))
+        expected = math.sqrt(dim) * (1 - 1 / (4 * dim) + 1 / (21 * dim**2))
+
+        move = (weights[:, None] * chosen).sum(1)
+        deviations, axes = roots
+        whitened = (((move[:, None] @ axes) / deviations[:, None]) @ axes.mT)[:, 0]
+        size_path = (1 - size_rate) * memory["size_path"] + math.sqrt(size_rate * (2 - size_rate) * mass) * whitened
+        count = memory["count"] + 1
+        norm = size_path.norm(dim=1)
+        settled = (1 - (1 - size_rate) ** (2 * count.to(mean))).sqrt()
+        slow = norm / settled < (1.4 + 2 / (dim + 1)) * expected
+        gain = math.sqrt(path_rate * (2 - path_rate) * mass)
+        path = (1 - path_rate) * memory["path"] + gain * slow[:, None] * move
+        stalled = (~slow).to(mean) * path_rate * (2 - path_rate)
+        many = torch.einsum("k,nki,nkj->nij", weights, chosen, chosen)
+        keep = 1 - one_rate - many_rate + one_rate * stalled
+        covariance = keep[:, None, None] * memory["covariance"] + many_rate * many
+        covariance = covariance + one_rate * path[:, :, None] * path[:, None]
+        # Tenfold in one step is more than any fit needs, and keeps a flat energy from running away.
+        size = memory["size"] * ((size_rate / size_damp) * (norm / expected - 1)).clamp(-2.3, 2.3).exp()
+        held = {"covariance": covariance, "size": size, "path": path, "size_path": size_path}
+        return mean + memory["size"][:, None] * move, {**held, "seed": memory["seed"], "count": count}

@@ -1,0 +1,111 @@
+"""Limited-memory BFGS for many rows at once."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from kfit.core import Evaluate, Evaluation, Optimizer, Variables
+from kfit.optimizers.flat import flatten, unflatten
+
+# Armijo's condition, E(x + t·d) ≤ E(x) + c·t·gᵀd (Nocedal and Wright, section 3.1).
+SUFFICIENT = 1e-4
+
+
+class LBFGS(Optimizer):
+    """Limited-memory BFGS with backtracking, each row on its own (Nocedal and Wright 2006, algorithms 7.4 and 3.1).
+
+    A step draws each row once with a gradient and then once for each length that it tries along its direction, until
+    the energy falls by Armijo's condition; a row for which no length does stays where it is and forgets its curvature.
+    So the energy of a row never rises while the weights stay. `torch.optim.LBFGS` holds all rows for one vector.
+
+    Args:
+        history: pairs of steps and gradient changes kept.
+        first_step: largest change of any raw number in a step without known curvature.
+        max_trials: lengths tried in a step; each is half to a tenth of the one before, by a parabola's least.
+
+    Raises:
+        ValueError: for a history or number of trials below 1 and a first step that is not above 0.
+    """
+
+    def __init__(self, history: int = 10, first_step: float = 0.03, max_trials: int = 8) -> None:
+        if history < 1 or max_trials < 1:
+            raise ValueError(f"LBFGS: history and max_trials must be at least 1, got {history} and {max_trials}")
+        if not first_step > 0:
+            raise ValueError(f"LBFGS: first_step must be above 0, got {first_step!r}")
+        self.history, self.first_step, self.max_trials = history, first_step, max_trials
+
+    def init(self, raw: Variables, seeds: Tensor) -> Any:
+        place = flatten(raw)
+        pairs = place.new_zeros(len(place), self.history, place.shape[1])
+        return {"place": place, "gradient": torch.zeros_like(place), "moves": pairs, "bends": pairs}
+
+    def step(
+        self, evaluate: Evaluate, raw: Variables, problem: Tensor, memory: Any
+    ) -> tuple[Variables, Evaluation, Any]:
+        seen = evaluate(raw, problem, need="gradient")
+        assert seen.gradient is not None  # asked for one line above
+        place, gradient = flatten(raw), flatten(seen.gradient)
+        moves, bends = self._remembered(place - memory["place"], gradient - memory["gradient"], memory)
+        direction = self._direction(gradient, moves, bends)
+        found, there = self._search(evaluate, raw, problem, seen.energy, gradient, direction)
+        forgets = ~there[:, None, None]
+        new = {
+            "place": place,
+            "gradient": gradient,
+            "moves": moves.masked_fill(forgets, 0.0),
+            "bends": bends.masked_fill(forgets, 0.0),
+        }
+        return unflatten(found, raw), seen, new
+
+    @staticmethod
+    def _remembered(move: Tensor, bend: Tensor, memory: Any) -> tuple[Tensor, Tensor]:
+        """Histories with the last step at their end, in rows where the energy curved upwards along it."""
+        curved = (move * bend).sum(1) > 1e-8 * move.norm(dim=1) * bend.norm(dim=1)
+        pairs = []
+        for name, last in (("moves", move), ("bends", bend)):
+            longer = torch.cat([memory[name][:, 1:], last[:, None]], 1)
+            pairs.append(torch.where(curved[:, None, None], longer, memory[name]))
+        return pairs[0], pairs[1]
+
+    def _direction(self, gradient: Tensor, moves: Tensor, bends: Tensor) -> Tensor:
+        curvature = (moves * bends).sum(2)  # (N, history), 0 where a row holds no pair
+        inverse = torch.where(curvature > 0, 1 / curvature.clamp_min(torch.finfo(gradient.dtype).tiny), 0.0)
+        direction, shares = -gradient, []
+        for k in reversed(range(self.history)):
+            share = inverse[:, k, None] * (moves[:, k] * direction).sum(1, keepdim=True)
+            direction = direction - share * bends[:, k]
+            shares.append(share)
+        first = self.first_step / gradient.abs().amax(1).clamp_min(1e-30)
+        known = curvature[:, -1] > 0
+        size = torch.where(known, curvature[:, -1] / bends[:, -1].square().sum(1).where(known, 1.0), first)
+        direction = size[:, None] * direction
+        for k, share in zip(range(self.history), reversed(shares), strict=True):
+            back = inverse[:, k, None] * (bends[:, k] * direction).sum(1, keepdim=True)
+            direction = direction + moves[:, k] * (share - back)
+        return direction
+
+    def _search(
+        self, evaluate: Evaluate, raw: Variables, problem: Tensor, energy: Tensor, gradient: Tensor, direction: Tensor
+    ) -> tuple[Tensor, Tensor]:
+        """Where each row goes, and whether it goes anywhere."""
+        place = flatten(raw)
+        slope = (gradient * direction).sum(1)
+        found, there = place, torch.zeros_like(problem, dtype=torch.bool)
+        length = torch.ones_like(slope)
+        for _ in range(self.max_trials):
+            rows = (~there).nonzero()[:, 0]
+            if len(rows) == 0:
+                break
+            t, down, before = length[rows], slope[rows], energy[rows].to(slope)
+            tried = place[rows] + t[:, None] * direction[rows]
+            after = evaluate(unflatten(tried, raw), problem[rows]).energy.to(slope)
+            fell = (after <= before + SUFFICIENT * t * down) & (after < before)
+            found = found.index_copy(0, rows, torch.where(fell[:, None], tried, found[rows]))
+            there = there.index_copy(0, rows, fell)
+            parabola = -down * t.square() / (2 * (after - before - down * t))
+            shorter = torch.where(parabola.isfinite(), parabola, 0.0)
+            length = length.index_copy(0, rows, torch.minimum(torch.maximum(shorter, 0.1 * t), 0.5 * t))
+        return found, there

@@ -1,0 +1,105 @@
+"""What a pipeline's optimizer is told."""
+
+import pytest
+import torch
+
+from kfit.core import Energy, Observation, Prior
+from kfit.energies import L1, L2, CodePrior
+from kfit.generators import Template
+from kfit.judge import Judge
+
+RAW = {"roll": torch.tensor([0.05, -0.1, 0.2]), "shift": torch.full((3, 2), 0.1), "scale": torch.zeros(3)}
+PROBLEM = torch.tensor([0, 1, 0])
+
+
+class Watched(Energy):
+    """L1, and whether it was differentiated."""
+
+    def __init__(self):
+        super().__init__()
+        self.graphs = []
+
+    def compare(self, prediction, prepared):
+        found = (prediction - prepared["target"]).abs().mean((1, 2, 3))
+        self.graphs.append(found.requires_grad)
+        return found
+
+
+def judge(terms, weights, rank_weights=None):
+    pictures = torch.rand(3, 3, 8, 8, generator=torch.Generator().manual_seed(0))
+    told = Judge(Template(pictures[2], "similarity"), terms, rank_weights or weights, Observation(pictures[:2]))
+    told.weights = weights
+    return told
+
+
+@pytest.mark.parametrize(("need", "graph"), [("value", False), ("residuals", False), ("gradient", True)])
+def test_only_gradients_build_a_graph(need, graph):
+    watched = Watched()
+    seen = judge(
+        {"l2": L2(), "seen": watched}, {"l2": 1.0, "seen": 0.0 if need == "residuals" else 1.0}, {"seen": 1.0}
+    )(RAW, PROBLEM, need)
+    assert watched.graphs == [graph]
+    assert not any(term.requires_grad for term in seen.terms.values())
+    assert not seen.rendering.image.requires_grad
+    assert (seen.gradient is not None) == graph
+
+
+def test_a_term_that_only_ranks_is_compared_and_not_differentiated():
+    watched = Watched()
+    told = judge({"l2": L2(), "ranks": watched}, {"l2": 1.0, "ranks": 0.0}, {"ranks": 2.0})
+    seen = told(RAW, PROBLEM, "gradient")
+    assert watched.graphs == [False]
+    torch.testing.assert_close(seen.ranking, 2 * seen.terms["ranks"])
+    torch.testing.assert_close(seen.energy, seen.terms["l2"])
+    alone = judge({"l2": L2()}, {"l2": 1.0})(RAW, PROBLEM, "gradient")
+    for name, slope in alone.gradient.items():
+        torch.testing.assert_close(seen.gradient[name], slope)
+
+
+def test_the_slope_is_zero_where_no_term_has_a_weight():
+    seen = judge({"l2": L2()}, {"l2": 0.0}, {"l2": 1.0})(RAW, PROBLEM, "gradient")
+    assert all((slope == 0).all() for slope in seen.gradient.values())
+    assert (seen.energy == 0).all()
+
+
+def test_residuals_square_to_the_energy_with_its_weights_and_priors():
+    terms = {"l2": L2(), "prior": CodePrior("shift"), "ranks": L1()}
+    told = judge(terms, {"l2": 3.0, "prior": 0.5, "ranks": 0.0}, {"ranks": 1.0})
+    seen, plain = (told(RAW, PROBLEM, need) for need in ("residuals", "value"))
+    assert seen.residuals.shape == (3, 3 * 64 + 2)
+    torch.testing.assert_close(seen.residuals.square().sum(1), plain.energy)
+    torch.testing.assert_close(seen.energy, plain.energy)
+    for name, term in plain.terms.items():
+        torch.testing.assert_close(seen.terms[name], term)
+
+
+@pytest.mark.parametrize(
+    ("terms", "weights"),
+    [({"l2": L2(), "l1": L1()}, {"l2": 1.0, "l1": 1.0}), ({"l2": L2(), "l1": L2()}, {"l2": 1.0, "l1": -1.0})],
+)
+def test_residuals_of_what_is_no_sum_of_squares_are_an_error_that_names_it(terms, weights):
+    with pytest.raises(ValueError, match=r"sums of squares with weights above 0; 'l1' is not one, those that are: l2"):
+        judge(terms, weights)(RAW, PROBLEM, "residuals")
+
+
+def test_a_prior_of_no_squares_is_an_error_too():
+    class Wish(Prior):
+        on = "roll"
+
+        def forward(self, value):
+            return value
+
+    with pytest.raises(ValueError, match="'wish' is not one"):
+        judge({"l2": L2(), "wish": Wish()}, {"l2": 1.0, "wish": 1.0})(RAW, PROBLEM, "residuals")
+
+
+def test_there_are_no_residuals_where_no_term_has_a_weight():
+    seen = judge({"l2": L2()}, {"l2": 0.0}, {"l2": 1.0})(RAW, PROBLEM, "residuals")
+    assert seen.residuals.shape == (3, 0)
+
+
+def test_the_rendering_is_what_was_drawn():
+    told = judge({"l2": L2()}, {"l2": 1.0})
+    seen = told(RAW, PROBLEM)
+    torch.testing.assert_close(seen.rendering.image, told.generator(**seen.values).image)
+    assert told.num_evaluations == 3
