@@ -117,8 +117,8 @@ class ViewsDataModule(LightningDataModule):
     def __init__(
         self,
         category: str = "mug",
-        num_objects: int = 1000,
-        num_views: int = 24,
+        num_objects: int = 4000,
+        num_views: int = 10,
         image_size: int = 64,
         batch_size: int = 32,
         cache_dir: str = ".kfit_cache",

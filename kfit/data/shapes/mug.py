@@ -8,6 +8,8 @@ from kfit.data.mesh import Mesh, join
 from kfit.data.shapes import colors, prints, textures
 from kfit.data.shapes.primitives import revolve, smooth, tube
 
+Profile = tuple[tuple[float, ...], tuple[float, float]]
+
 # Outside radius at heights 0, 1/4, 1/2, 3/4, 1 of the body over its greatest, and the range of height over width.
 SHAPES = {
     "straight": ((1.0, 1.0, 1.0, 1.0, 1.0), (0.85, 1.35)),
@@ -57,11 +59,14 @@ HELD_OUT_TEXTURES: dict[str, tuple[textures.Family, float]] = {
 
 def build(rng: np.random.Generator, held_out: bool) -> Mesh:
     """A mug in body widths, to be normalised by the caller."""
-    shapes, handles = (HELD_OUT_SHAPES, HELD_OUT_HANDLES) if held_out else (SHAPES, HANDLES)
-    radii, heights = shapes[str(rng.choice(list(shapes)))]
+    # Training blends families and bends what comes out, so that a code learns ways to differ rather than a list of
+    # shapes; the held-out families stay pure.
+    blend = 0.0 if held_out else rng.uniform(0, 1)
+    profiles, loops = _pairs(rng, held_out)
+    radii, heights = ((1 - blend) * np.array(a) + blend * np.array(b) for a, b in zip(*profiles, strict=True))
     family = textures.choose(rng, HELD_OUT_TEXTURES if held_out else TEXTURES)
     height, wall = rng.uniform(*heights), rng.uniform(0.015, 0.045)
-    outer = _outside(rng, np.array(radii) * 0.5, height)
+    outer = _outside(rng, radii * 0.5, height, 0.015 if held_out else 0.05)
     base = colors.white(rng) if rng.random() < 0.4 else colors.any_color(rng, whites=0.15)
     skin = family(rng, base, (192, 448))
     inside_color = _inside(rng, base)
@@ -80,13 +85,24 @@ def build(rng: np.random.Generator, held_out: bool) -> Mesh:
     handle_color = base if rng.random() < 0.8 else colors.against(rng, base)
     if rng.random() < 0.15:
         handle_color = inside_color
-    parts.append(_handle(rng, handles[str(rng.choice(list(handles)))], outer, height, wall, handle_color))
+    loop = (1 - blend) * smooth(loops[0], 36) + blend * smooth(loops[1], 36)
+    parts.append(_handle(rng, loop, outer, height, wall, handle_color))
     return join(parts)
 
 
-def _outside(rng: np.random.Generator, radii: np.ndarray, height: float) -> np.ndarray:
-    """Profile (P, 2) of the outside, climbing from the rounded foot to the rim."""
-    jitter = 1 + rng.normal(0, 0.015, len(radii))
+def _pairs(rng: np.random.Generator, held_out: bool) -> tuple[list[Profile], list[np.ndarray]]:
+    """Two profiles and two handles to blend, the handles bent a little in training."""
+    shapes, handles = (HELD_OUT_SHAPES, HELD_OUT_HANDLES) if held_out else (SHAPES, HANDLES)
+    loops = [np.array(handles[str(rng.choice(list(handles)))]) for _ in range(2)]
+    if not held_out:
+        for loop in loops:
+            loop[1:-1] += rng.normal(0, 0.05, (len(loop) - 2, 2))
+    return [shapes[str(rng.choice(list(shapes)))] for _ in range(2)], loops
+
+
+def _outside(rng: np.random.Generator, radii: np.ndarray, height: float, bend: float) -> np.ndarray:
+    """Profile (P, 2) of the outside, climbing from the rounded foot to the rim, its radii bent at random by a share."""
+    jitter = 1 + rng.normal(0, bend, len(radii))
     curve = smooth(np.stack([radii * jitter, np.linspace(0, height, len(radii))], axis=1), 28)
     curve[:, 0] *= 0.5 / curve[:, 0].max()
     corner = rng.uniform(0.0, 0.12) * height
@@ -115,22 +131,21 @@ def _hollow(rng: np.random.Generator, outer: np.ndarray, wall: float, color: np.
 
 def _handle(
     rng: np.random.Generator,
-    controls: tuple[tuple[float, float], ...],
+    shape: np.ndarray,
     outer: np.ndarray,
     height: float,
     wall: float,
     color: np.ndarray,
 ) -> Mesh:
-    """The handle along +x, its ends sunk half-way into the wall."""
+    """The handle along +x, its ends sunk half-way into the wall: ``shape`` (36, 2) is its (outward, upward) path."""
     low, high = height * rng.uniform(0.1, 0.28), height * rng.uniform(0.72, 0.93)
     if height < 0.7:
         low, high = height * rng.uniform(0.2, 0.35), height * rng.uniform(0.8, 0.95)
     reach = rng.uniform(0.28, 0.46)
-    shape = np.array(controls)
     path_y = low + (high - low) * shape[:, 1]
     foot, top = (np.interp(y, outer[:, 1], outer[:, 0]) - wall / 2 for y in (low, high))
     path_x = foot + (top - foot) * np.clip(shape[:, 1], 0, 1) + (reach + wall / 2) * shape[:, 0]
-    path = smooth(np.stack([path_x, path_y, np.zeros(len(shape))], axis=1), 36)
+    path = np.stack([path_x, path_y, np.zeros(len(shape))], axis=1)
     thick, wide = rng.uniform(0.035, 0.065), rng.uniform(0.045, 0.1)
     swell = 1 + rng.uniform(0, 0.35) * np.abs(np.linspace(-1, 1, 36)) ** 4
     radii = np.stack([thick * swell, wide * swell], axis=1)
