@@ -4,12 +4,29 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from lightning.pytorch import LightningDataModule, LightningModule
 from lightning.pytorch.cli import LightningCLI
 
+from kfit.geometry.categories import CATEGORIES, Category
+
+# Arguments of the model's parts that the category of the data decides, where a part has such an argument.
+KNOWN: dict[str, Callable[[Category], object]] = {
+    "generator.init_args.unit_fraction": lambda category: category.unit_fraction,
+    "pose_head.init_args.symmetry": lambda category: category.symmetry,
+}
 COMMANDS = ("fit", "validate", "test", "predict")
+
+
+class _CLI(LightningCLI):
+    def before_instantiate_classes(self) -> None:
+        # Not `link_arguments`: checkpoints leave out what it fills in, and could not be rebuilt.
+        config = self.config.get(str(self.subcommand), self.config)
+        category = CATEGORIES.get(str(config.get("data.init_args.category")))
+        for argument, known in KNOWN.items():
+            if category is not None and f"model.init_args.{argument}" in config:
+                config[f"model.init_args.{argument}"] = known(category)
 
 
 def main(args: Sequence[str] | None = None) -> None:
@@ -23,7 +40,7 @@ def main(args: Sequence[str] | None = None) -> None:
     # A console script does not see the working folder. Last, so that it can shadow nothing.
     if os.getcwd() not in sys.path:
         sys.path.append(os.getcwd())
-    LightningCLI(
+    _CLI(
         LightningModule,
         LightningDataModule,
         subclass_mode_model=True,

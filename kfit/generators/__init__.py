@@ -2,7 +2,26 @@
 
 from kfit.generators.encoder import ConvEncoder
 from kfit.generators.extents import ExtentsHead
+from kfit.generators.feature_encoder import FeatureEncoder
+from kfit.generators.mesh import MeshRenderer
+from kfit.generators.onnx_generator import OnnxGenerator
+from kfit.generators.pose_head import PoseHead
+from kfit.generators.radiance_field import RadianceField
 from kfit.generators.similarity_warp import SimilarityWarp
+from kfit.generators.template import Template
+from kfit.generators.vae2d import VAE2D
 from kfit.generators.vae3d import VAE3D
 
-__all__ = ["VAE3D", "ConvEncoder", "ExtentsHead", "SimilarityWarp"]
+__all__ = [
+    "VAE2D",
+    "VAE3D",
+    "ConvEncoder",
+    "ExtentsHead",
+    "FeatureEncoder",
+    "MeshRenderer",
+    "OnnxGenerator",
+    "PoseHead",
+    "RadianceField",
+    "SimilarityWarp",
+    "Template",
+]

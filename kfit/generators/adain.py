@@ -9,16 +9,18 @@ from torch.nn import functional as F
 class AdaIN(nn.Module):
     """Replaces each channel's mean and spread by those that the code asks for (Huang and Belongie 2017).
 
-    y = σ(z) · (x − mean(x)) / √(var(x) + 1e-5) + μ(z), where (μ, σ) = relu(A z + b); mean and (biased) variance are
-    taken over a sample's pixels or voxels. The ReLU is that of the released code.
+    y = σ(z) · (x − mean(x)) / √(var(x) + 1e-5) + μ(z), where (μ, σ) = A z + b; mean and (biased) variance are
+    taken over a sample's pixels or voxels.
 
     Args:
         num_channels: C.
         code_dim: D.
+        rectified: (μ, σ) = relu(A z + b), as in the released code.
     """
 
-    def __init__(self, num_channels: int, code_dim: int) -> None:
+    def __init__(self, num_channels: int, code_dim: int, rectified: bool = False) -> None:
         super().__init__()
+        self.rectified = rectified
         self.affine = nn.Linear(code_dim, 2 * num_channels)
         nn.init.normal_(self.affine.weight, std=0.1)
         # Begins near the identity, with every ReLU open.
@@ -27,7 +29,8 @@ class AdaIN(nn.Module):
 
     def style(self, code: Tensor) -> Tensor:
         """(N, 2C): the means, then the spreads, that codes (N, D) ask for."""
-        return F.relu(self.affine(code))
+        style: Tensor = self.affine(code)
+        return F.relu(style) if self.rectified else style
 
     def forward(self, features: Tensor, style: Tensor) -> Tensor:
         """Restyle features (N, C, …) by styles (N, 2C)."""

@@ -22,7 +22,7 @@ class ConvEncoder(Encoder):
     Stride-2 convolutions, then two linear layers, the first of which sees beside their features the picture's tint
     (RGB less its mean over the channels) averaged over a coarse grid: with normalised convolutions alone, training
     learnt brightness and shape but no hue. The released encoder is that of ``channels=(64, 128, 256, 512), tint_grid=0,
-    instance_norm=True``.
+    instance_norm=True, bounded=True``.
 
     Args:
         code_dim: D.
@@ -31,6 +31,7 @@ class ConvEncoder(Encoder):
         image_size: side of the pictures it takes.
         tint_grid: cells along each side over which the tint is averaged; 0 leaves it out.
         instance_norm: normalise the features of all convolutions but the first, as the released encoder does.
+        bounded: mean and log-variance through a tanh, as in the released code.
     """
 
     def __init__(
@@ -41,6 +42,7 @@ class ConvEncoder(Encoder):
         image_size: int = 64,
         tint_grid: int = 4,
         instance_norm: bool = False,
+        bounded: bool = False,
     ) -> None:
         super().__init__()
         layers: list[nn.Module] = []
@@ -49,7 +51,7 @@ class ConvEncoder(Encoder):
             if index and instance_norm:
                 layers.append(nn.InstanceNorm2d(b))
         self.look = nn.Sequential(*layers)
-        self.tint_grid = tint_grid
+        self.tint_grid, self.bounded = tint_grid, bounded
         seen = channels[-1] * (image_size // 2 ** len(channels)) ** 2 + 3 * tint_grid**2
         last = nn.Linear(hidden_dim, 2 * code_dim)
         nn.init.constant_(last.bias[code_dim:], FIRST_LOG_VARIANCE)
@@ -61,7 +63,7 @@ class ConvEncoder(Encoder):
         if self.tint_grid:
             tint = F.adaptive_avg_pool2d(image - image.mean(1, keepdim=True), self.tint_grid)
             features = torch.cat([features, (TINT_GAIN * tint).flatten(1).to(features.dtype)], 1)
-        said = self.say(features)
+        said = self.say(features).tanh() if self.bounded else self.say(features)
         # Half precision, under autocast, is too coarse for the code's mean.
         mean, log_variance = (said.float() if said.dtype in (torch.float16, torch.bfloat16) else said).chunk(2, 1)
         return mean, log_variance

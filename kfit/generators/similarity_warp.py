@@ -80,7 +80,7 @@ def warp(drawn: Rendering, roll: Tensor, shift: Tensor, scale: Tensor) -> Render
         if drawn.depth is not None:
             parts.append(drawn.depth * drawn.mask)
     sizes = [part.shape[1] for part in parts]
-    whole = torch.cat(parts, 1).expand(len(linear), -1, -1, -1)
+    whole = torch.cat(parts, 1).expand(linear.shape[0], -1, -1, -1)
     # Out of autocast: bfloat16 matrices miss by up to a fifth of a pixel.
     with torch.autocast(whole.device.type, enabled=False):
         matrix = torch.cat([linear, (moved - linear @ centre)[..., None]], -1)

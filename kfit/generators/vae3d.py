@@ -33,6 +33,9 @@ class VAE3D(Generator):
         volume_dims: channels of the constant volume and after each 3D up-convolution.
         projection_dim: channels after the projection.
         decoder_dims: channels after each 2D up-convolution.
+        rectified: styles through a ReLU, as in the released code.
+        depth: draw depth too (the paper's RGB-D model), in box diagonals behind the object's centre.
+        mask: draw a mask; the released networks have none.
     """
 
     def __init__(
@@ -41,6 +44,9 @@ class VAE3D(Generator):
         volume_dims: Sequence[int] = (256, 64, 32),
         projection_dim: int = 256,
         decoder_dims: Sequence[int] = (128, 64),
+        rectified: bool = False,
+        depth: bool = False,
+        mask: bool = True,
     ) -> None:
         super().__init__()
         self.variables = {
@@ -49,20 +55,21 @@ class VAE3D(Generator):
             "elevation": Variable((), Angle()),
         }
         self.code_dim = code_dim
-        depth = VOLUME_SIDE * 2 ** (len(volume_dims) - 1)
-        self.image_size = depth * 2 ** len(decoder_dims)
+        side = VOLUME_SIDE * 2 ** (len(volume_dims) - 1)
+        self.image_size = side * 2 ** len(decoder_dims)
         self.constant = nn.Parameter(torch.randn(1, volume_dims[0], *[VOLUME_SIDE] * 3))
         self.lift = nn.ModuleList(nn.ConvTranspose3d(a, b, 4, 2, 1) for a, b in pairwise(volume_dims))
-        self.project = nn.Conv2d(volume_dims[-1] * depth, projection_dim, 1)
+        self.project = nn.Conv2d(volume_dims[-1] * side, projection_dim, 1)
         widths = (projection_dim, *decoder_dims)
         self.decode = nn.ModuleList(nn.ConvTranspose2d(a, b, 4, 2, 1) for a, b in pairwise(widths))
-        self.draw = nn.Conv2d(widths[-1], 4, 3, 1, 1)
-        self.styles = nn.ModuleList(AdaIN(dim, code_dim) for dim in (*volume_dims, *decoder_dims))
+        self.draws_mask, self.draws_depth = mask, depth
+        self.draw = nn.Conv2d(widths[-1], 3 + mask + depth, 3, 1, 1)
+        self.styles = nn.ModuleList(AdaIN(dim, code_dim, rectified) for dim in (*volume_dims, *decoder_dims))
 
     @classmethod
-    def paper(cls, code_dim: int = 16) -> VAE3D:
+    def paper(cls, code_dim: int = 16, depth: bool = False, mask: bool = True) -> VAE3D:
         """The released code's sizes (neural_object_fitting@7309348): 10.3 M parameters, 2.2 G multiply-adds."""
-        return cls(code_dim, (512, 128, 64), 1024, (256, 64))
+        return cls(code_dim, (512, 128, 64), 1024, (256, 64), rectified=True, depth=depth, mask=mask)
 
     def forward(self, **values: Tensor) -> Rendering:
         volume, styles = self._volume(values["code"])
@@ -82,7 +89,7 @@ class VAE3D(Generator):
 
     def _volume(self, code: Tensor) -> tuple[Tensor, list[Tensor]]:
         styles = [layer.style(code) for layer in self.styles]  # type: ignore[operator]
-        volume = self.constant.expand(len(code), *self.constant.shape[1:])
+        volume = self.constant.expand(code.shape[0], *self.constant.shape[1:])
         volume = F.leaky_relu(self.styles[0](volume, styles[0]), 0.2)
         for index, lift in enumerate(self.lift, 1):
             volume = F.leaky_relu(self.styles[index](lift(volume), styles[index]), 0.2)
@@ -97,8 +104,9 @@ class VAE3D(Generator):
         for index, decode in enumerate(self.decode, 1 + len(self.lift)):
             picture = F.leaky_relu(self.styles[index](decode(picture), styles[index]), 0.2)
         channels = self.draw(picture)
-        channels = torch.sigmoid(channels.to(torch.promote_types(channels.dtype, torch.float32)))
-        return Rendering(image=channels[:, :3], mask=channels[:, 3:])
+        channels = channels.to(torch.promote_types(channels.dtype, torch.float32))
+        mask = torch.sigmoid(channels[:, 3:4]) if self.draws_mask else None
+        return Rendering(torch.sigmoid(channels[:, :3]), mask, channels[:, -1:] if self.draws_depth else None)
 
 
 class _BoundCode(Generator):
@@ -116,7 +124,7 @@ class _BoundCode(Generator):
         self.register_buffer("styles", torch.cat(styles, 1), persistent=False)
 
     def forward(self, **values: Tensor) -> Rendering:
-        rows = len(values["azimuth"])
+        rows = values["azimuth"].shape[0]
         volume, styles = (held.expand(rows, *held.shape[1:]) for held in (self.volume, self.styles))
         apart = list(styles.split(self.widths, 1))
         return self.generator._picture(volume, apart, values["azimuth"], values["elevation"])

@@ -10,6 +10,7 @@ from kfit.geometry.camera import (
     viewing_ray_rotation,
 )
 from kfit.geometry.categories import CATEGORIES, Category
+from kfit.geometry.clusters import energy_weights, rotation_clusters, rotation_spread_deg
 from kfit.geometry.crop import Crop
 from kfit.geometry.pose import (
     Symmetry,
@@ -29,13 +30,16 @@ __all__ = [
     "Symmetry",
     "angles_from_rotation",
     "box_corners",
+    "energy_weights",
     "from_opencv",
     "intrinsics_from_exif",
     "intrinsics_from_fov",
     "pose_from_crop",
     "project",
+    "rotation_clusters",
     "rotation_error",
     "rotation_from_angles",
+    "rotation_spread_deg",
     "to_opencv",
     "viewing_ray",
     "viewing_ray_rotation",

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+
+from kfit.geometry.pose import Symmetry
 
 
 @dataclass(frozen=True)
@@ -24,11 +25,16 @@ class Category:
 
     name: str
     nocs_id: int
-    symmetry: Literal["none", "y"]
+    symmetry: Symmetry
     mean_diagonal: float
     unit_fraction: float
     axes: str
     elevation_deg: tuple[float, float] = (-15.0, 75.0)
+
+    @property
+    def azimuth_deg(self) -> tuple[float, float]:
+        """Range of azimuths that tell poses apart: the full circle, or one value where all are alike."""
+        return (0.0, 0.0) if self.symmetry == "y" else (-180.0, 180.0)
 
 
 CATEGORIES: dict[str, Category] = {

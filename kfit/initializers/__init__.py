@@ -2,7 +2,9 @@
 
 from kfit.initializers.constant import Constant
 from kfit.initializers.encoder_posterior import EncoderPosterior
+from kfit.initializers.pose_posterior import PosePosterior
+from kfit.initializers.previous import Previous
 from kfit.initializers.sphere_grid import SphereGrid
 from kfit.initializers.uniform import Uniform
 
-__all__ = ["Constant", "EncoderPosterior", "SphereGrid", "Uniform"]
+__all__ = ["Constant", "EncoderPosterior", "PosePosterior", "Previous", "SphereGrid", "Uniform"]

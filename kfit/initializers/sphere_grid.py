@@ -10,35 +10,43 @@ import torch
 from kfit.core import Initializer, Observation, Variable, Variables
 
 GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))
+# x³ = x + 1: what the golden ratio is for one irrational step, its powers are for two.
+PLASTIC = 1.324717957244746
 
 
 class SphereGrid(Initializer):
-    """Sets azimuth and elevation on a lattice over a part of the view sphere.
+    """Sets azimuth and elevation, and where asked roll, on a lattice over a part of the view sphere.
 
     A Fibonacci lattice: start s of S lies at sine of elevation evenly between the bounds' sines and at azimuth
-    centre + width·(frac(s·φ) − ½), φ the golden ratio's fraction, so that equal areas hold equally many starts
-    (Swinbank and Purser, "Fibonacci grids", 2006). With equal bounds of elevation the azimuths are evenly spaced,
-    which is the paper's grid.
+    left + width · frac(s·φ), φ the golden ratio's fraction, so that equal areas hold equally many starts (Swinbank and
+    Purser, "Fibonacci grids", 2006). With roll, azimuth and roll step by 1/ρ and 1/ρ², ρ the plastic number (Roberts,
+    "The unreasonable effectiveness of quasirandom sequences", 2018), so that equal volumes of rotations hold equally
+    many. A variable whose bounds are equal keeps that value; without a range of elevations the azimuths are evenly
+    spaced, which is the paper's grid, and without either the rolls are.
 
     Args:
-        azimuth_deg: (low, high) in degrees.
+        azimuth_deg: (low, high) in degrees; a category's are `kfit.geometry.Category.azimuth_deg`.
         elevation_deg: (low, high) in degrees; equal for one ring.
+        roll_deg: (low, high) in degrees; None leaves roll to another initializer.
 
     Raises:
-        ValueError: for bounds in the wrong order or elevations beyond ±90°.
+        ValueError: for bounds in the wrong order, elevations beyond ±90°, and other angles beyond ±360°.
     """
-
-    on = ("azimuth", "elevation")
 
     def __init__(
         self,
         azimuth_deg: tuple[float, float] = (-180.0, 180.0),
         elevation_deg: tuple[float, float] = (-15.0, 75.0),
+        roll_deg: tuple[float, float] | None = None,
     ) -> None:
-        for name, (low, high), limit in (("azimuth_deg", azimuth_deg, 360), ("elevation_deg", elevation_deg, 90)):
+        self.bounds_deg = {"azimuth": azimuth_deg, "elevation": elevation_deg}
+        if roll_deg is not None:
+            self.bounds_deg["roll"] = roll_deg
+        for name, (low, high) in self.bounds_deg.items():
+            limit = 90 if name == "elevation" else 360
             if low > high or low < -limit or high > limit:
-                raise ValueError(f"SphereGrid: {name} must rise within ±{limit}, got ({low:g}, {high:g})")
-        self.azimuth_deg, self.elevation_deg = azimuth_deg, elevation_deg
+                raise ValueError(f"SphereGrid: {name}_deg must rise within ±{limit}, got ({low:g}, {high:g})")
+        self.on = tuple(self.bounds_deg)
 
     def __call__(
         self,
@@ -47,12 +55,20 @@ class SphereGrid(Initializer):
         num_starts: int,
         rngs: Sequence[torch.Generator],
     ) -> Variables:
-        middle = (torch.arange(num_starts, dtype=torch.float64) + 0.5) / num_starts
-        low, high = (math.sin(math.radians(angle)) for angle in self.elevation_deg)
-        ring = low == high
-        turn = middle if ring else (torch.arange(num_starts, dtype=torch.float64) * GOLDEN_ANGLE / (2 * math.pi)) % 1.0
-        left, right = (math.radians(angle) for angle in self.azimuth_deg)
-        azimuth = left + (right - left) * turn
-        elevation = torch.asin((low + (high - low) * middle).clamp(-1, 1))
-        count = observation.num_problems
-        return {"azimuth": azimuth.repeat(count), "elevation": elevation.repeat(count)}
+        start = torch.arange(num_starts, dtype=torch.float64)
+        order: tuple[str, ...] = ("elevation", "azimuth", "roll")
+        ranges = {name: self.bounds_deg[name] for name in order if name in self.on}
+        free = [name for name, (low, high) in ranges.items() if low < high]
+        steps = [GOLDEN_ANGLE / (2 * math.pi)] if len(free) < 3 else [1 / PLASTIC, 1 / PLASTIC**2]
+        # The first that is free is divided evenly; the others step by irrational shares of their ranges.
+        lattice = [(start + 0.5) / num_starts, *((start * step) % 1.0 for step in steps)]
+        share = {name: torch.zeros_like(start) for name in ranges} | dict(zip(free, lattice, strict=False))
+        given = {}
+        for name in self.on:
+            low, high = (math.radians(angle) for angle in ranges[name])
+            if name == "elevation":
+                height = math.sin(low) + (math.sin(high) - math.sin(low)) * share[name]
+                given[name] = torch.asin(height.clamp(-1, 1))
+            else:
+                given[name] = low + (high - low) * share[name]
+        return {name: value.repeat(observation.num_problems) for name, value in given.items()}

@@ -1,6 +1,7 @@
 """Which start wins."""
 
+from kfit.selectors.clusters import Clusters
 from kfit.selectors.lowest_energy import LowestEnergy
 from kfit.selectors.rotation_vote import RotationVote
 
-__all__ = ["LowestEnergy", "RotationVote"]
+__all__ = ["Clusters", "LowestEnergy", "RotationVote"]

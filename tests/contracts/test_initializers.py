@@ -5,17 +5,31 @@ from itertools import pairwise
 
 import pytest
 import torch
+from scipy.spatial.transform import Rotation
 from torch import nn
 from walk import shipped
 
 import kfit.initializers
-from kfit.core import Angle, Bounded, Encoder, Initializer, Observation, Positive, Variable
-from kfit.initializers import Constant, EncoderPosterior, SphereGrid, Uniform
+from kfit.core import (
+    Angle,
+    Bounded,
+    Encoder,
+    FitResult,
+    History,
+    Initializer,
+    Observation,
+    PoseNetwork,
+    Positive,
+    Variable,
+)
+from kfit.geometry import rotation_error, rotation_from_angles
+from kfit.initializers import Constant, EncoderPosterior, PosePosterior, Previous, SphereGrid, Uniform
 
 VARIABLES = {
     "code": Variable((3,)),
     "azimuth": Variable((), Angle()),
     "elevation": Variable((), Angle()),
+    "roll": Variable((), Angle()),
     "shift": Variable((2,), Bounded(-1.0, 1.0)),
     "scale": Variable((), Positive()),
 }
@@ -32,10 +46,55 @@ class TinyEncoder(Encoder):
         return mean, log_variance
 
 
+class TinyPoseNetwork(PoseNetwork):
+    def __init__(self, num_azimuths):
+        super().__init__()
+        torch.manual_seed(4)
+        self.azimuths = -math.pi + 2 * math.pi * (torch.arange(num_azimuths) + 0.5) / num_azimuths
+        self.elevations = torch.arange(4) * 0.3
+        self.layer = nn.Linear(3, 4 * num_azimuths).double()  # quantiles make much of a rounding
+
+    def forward(self, image):
+        said = (5 * self.layer(image.double().mean((2, 3)))).log_softmax(1)
+        return said.view(len(image), len(self.azimuths), 4)
+
+
+class PerPicture(Initializer):
+    """`Previous` of the answers that belong to the pictures' keys, as a video's frames follow one another."""
+
+    def __init__(self, **settings):
+        torch.manual_seed(5)
+        self.settings, self.on = settings, ("code", "azimuth", "scale")
+        self.values = {"code": torch.randn(3, 3), "azimuth": torch.randn(3), "scale": torch.rand(3) + 0.5}
+
+    def __call__(self, variables, observation, num_starts, rngs):
+        rows = [key - 11 for key in observation.keys]
+        result = answer({name: value[rows] for name, value in self.values.items()})
+        return Previous(result, **self.settings)(variables, observation, num_starts, rngs)
+
+
+def answer(values):
+    nothing = torch.zeros(0)
+    count = len(next(iter(values.values())))
+    return FitResult(
+        values, torch.zeros(count), torch.zeros(count).long(), nothing, nothing, nothing, {}, History(nothing, {}, {})
+    )
+
+
 BUILD = {
     Constant: [lambda: Constant({"scale": 1.5, "shift": [0.1, -0.2]}), lambda: Constant({"shift": 0.25})],
     EncoderPosterior: [lambda: EncoderPosterior(TinyEncoder()), lambda: EncoderPosterior(TinyEncoder(), spread=0.0)],
-    SphereGrid: [SphereGrid, lambda: SphereGrid((-90.0, 90.0), (30.0, 30.0))],
+    PosePosterior: [
+        lambda: PosePosterior(TinyPoseNetwork(6)),
+        lambda: PosePosterior(TinyPoseNetwork(1)),
+        lambda: PosePosterior(TinyPoseNetwork(6), sample=True),
+    ],
+    Previous: [PerPicture, lambda: PerPicture(spread={"azimuth": 0.1, "scale": 0.2})],
+    SphereGrid: [
+        SphereGrid,
+        lambda: SphereGrid((-90.0, 90.0), (30.0, 30.0)),
+        lambda: SphereGrid(roll_deg=(-180.0, 180.0)),
+    ],
     Uniform: [lambda: Uniform("shift", -0.5, 0.5), lambda: Uniform("scale", 0.5, 2.0)],
 }
 built = [
@@ -192,9 +251,33 @@ class TestSphereGrid:
         )
         torch.testing.assert_close(given["elevation"].rad2deg(), torch.full((4,), 30.0, dtype=torch.float64))
 
+    def test_of_one_azimuth_spreads_the_elevations_as_a_symmetric_category_needs(self):
+        given = starts(SphereGrid((0.0, 0.0), (-90.0, 90.0)), observation((11,)), 4)
+        torch.testing.assert_close(given["azimuth"], torch.zeros(4, dtype=torch.float64))
+        torch.testing.assert_close(given["elevation"].sin(), torch.tensor([-0.75, -0.25, 0.25, 0.75]).double())
+
+    def test_with_roll_holds_equally_many_starts_in_equal_volumes_of_all_rotations(self):
+        given = starts(SphereGrid(elevation_deg=(-90.0, 90.0), roll_deg=(-180.0, 180.0)), observation((11,)), 2000)
+        share = [(given["elevation"].sin() + 1) / 2, given["azimuth"] / math.tau + 0.5, given["roll"] / math.tau + 0.5]
+        cell = sum((part * 4).long().clamp(max=3) * 4**place for place, part in enumerate(share))
+        assert torch.bincount(cell, minlength=64).sub(2000 / 64).abs().max() < 12
+
+    def test_with_roll_leaves_no_rotation_far_from_a_start(self):
+        # 500 starts over all rotations: balls of π² · 8 / 500 each (the whole is 8π²) have a radius of some 33°.
+        given = starts(SphereGrid(elevation_deg=(-90.0, 90.0), roll_deg=(-180.0, 180.0)), observation((11,)), 500)
+        near = rotation_from_angles(given["azimuth"], given["elevation"], given["roll"])
+        anywhere = torch.from_numpy(Rotation.random(300, rng=0).as_matrix())
+        least = rotation_error(anywhere[:, None], near).min(1).values.rad2deg()
+        assert least.max() < 50
+        assert least.mean() < 25
+
     @pytest.mark.parametrize(
         ("bounds", "name"),
-        [({"azimuth_deg": (10.0, 0.0)}, "azimuth_deg"), ({"elevation_deg": (0.0, 91.0)}, "elevation_deg")],
+        [
+            ({"azimuth_deg": (10.0, 0.0)}, "azimuth_deg"),
+            ({"elevation_deg": (0.0, 91.0)}, "elevation_deg"),
+            ({"roll_deg": (5.0, -5.0)}, "roll_deg"),
+        ],
     )
     def test_refuses_bounds_that_fall_or_leave_the_sphere(self, bounds, name):
         with pytest.raises(ValueError, match=f"SphereGrid: {name} must rise within"):

@@ -8,9 +8,10 @@ from walk import shipped
 
 import kfit.selectors
 from kfit.core import Selector
-from kfit.selectors import LowestEnergy, RotationVote
+from kfit.selectors import Clusters, LowestEnergy, RotationVote
 
 BUILD = {
+    Clusters: [Clusters, lambda: Clusters("y", within_deg=5.0), lambda: Clusters(temperature=10.0)],
     LowestEnergy: [LowestEnergy],
     RotationVote: [RotationVote, lambda: RotationVote("y", top=3), lambda: RotationVote(top=1, within_deg=0.0)],
 }

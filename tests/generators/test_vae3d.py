@@ -177,13 +177,15 @@ def test_the_code_changes_the_picture_and_the_angles_turn_it_full_circle():
 
 class TestAdaIN:
     def test_is_the_formula_computed_by_hand(self):
-        layer = AdaIN(1, 2).double()
+        layer = AdaIN(1, 2, rectified=True).double()
         with torch.no_grad():
             layer.affine.weight.copy_(torch.tensor([[1.0, 0.0], [0.0, 2.0]]))
             layer.affine.bias.copy_(torch.tensor([0.5, -1.0]))
         style = layer.style(torch.tensor([[1.0, 2.0], [-3.0, 0.25]], dtype=torch.float64))
         # relu(1 · 1 + 0.5) = 1.5 and relu(2 · 2 − 1) = 3; both are closed for the second code.
         assert style.tolist() == [[1.5, 3.0], [0.0, 0.0]]
+        layer.rectified = False
+        assert layer.style(torch.tensor([[-3.0, 0.25]], dtype=torch.float64)).tolist() == [[-2.5, -0.5]]
         features = torch.tensor([[[[0.0, 2.0], [4.0, 6.0]]], [[[1.0, 1.0], [2.0, 8.0]]]], dtype=torch.float64)
         # Mean 3, variance 5: (x − 3) / √5.00001 · 3 + 1.5.
         expected = torch.tensor([[-2.52491821, 0.15836060], [2.84163940, 5.52491821]], dtype=torch.float64)

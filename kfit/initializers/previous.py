@@ -1,0 +1,59 @@
+"""Where the last picture's fit ended."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import torch
+
+from kfit.core import FitResult, Initializer, Observation, Variable, Variables
+from kfit.core.check import check_names, check_range
+
+
+class Previous(Initializer):
+    """Starts at an earlier fit's answer, such as the frame before in a video.
+
+    raw = raw(answer) + spread · ε, ε ~ N(0, 1); the first start of each problem takes the answer itself.
+
+    Args:
+        result: of as many problems as will be fitted, problem by problem the same objects.
+        on: the variables to take over; all unless given.
+        spread: standard deviation of the other starts by variable, where the optimizer walks: in half-turns for
+            angles, in logarithms for positive numbers; 0 for variables not named.
+
+    Raises:
+        ValueError: for names that the result does not have, a spread of a variable not taken over or below 0, an
+            answer that is not finite and, when it is called, another number of problems.
+    """
+
+    def __init__(
+        self, result: FitResult, on: Sequence[str] | None = None, spread: dict[str, float] | None = None
+    ) -> None:
+        self.on, self.spread = tuple(result.values if on is None else on), spread or {}
+        check_names("Previous: on", self.on, result.values)
+        check_names("Previous: spread", self.spread, self.on)
+        for name, width in self.spread.items():
+            check_range(f"Previous: spread of {name}", width, 0, float("inf"))
+        self.values = {name: result.values[name].detach() for name in self.on}
+        for name, value in self.values.items():
+            if not bool(value.isfinite().all()):
+                raise ValueError(f"Previous: {name} of a problem is not finite, as after a fit that failed; start anew")
+
+    def __call__(
+        self,
+        variables: Mapping[str, Variable],
+        observation: Observation,
+        num_starts: int,
+        rngs: Sequence[torch.Generator],
+    ) -> Variables:
+        started = {}
+        for name, value in self.values.items():
+            if len(value) != observation.num_problems:
+                count = observation.num_problems
+                raise ValueError(f"Previous: the result holds {len(value)} problems, the observation {count}")
+            space, shape = variables[name].space, variables[name].shape
+            noise = torch.stack([torch.randn(num_starts, *shape, generator=rng) for rng in rngs]).to(value)
+            noise[:, 0] = 0
+            raw = space.to_raw(value)[:, None] + self.spread.get(name, 0.0) * noise
+            started[name] = space.to_value(raw.flatten(0, 1))
+        return started

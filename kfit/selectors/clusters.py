@@ -1,0 +1,50 @@
+"""The pose that the starts give most weight."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from kfit.core import Selector, Variables
+from kfit.core.check import check_range
+from kfit.geometry.clusters import TEMPERATURE, WITHIN_DEG, energy_weights, rotation_clusters
+from kfit.geometry.pose import Symmetry, rotation_from_angles
+
+
+class Clusters(Selector):
+    """Groups each problem's rows by rotation and picks the best row of the group of largest weight.
+
+    A row weighs exp(−(E − E_best) / (temperature · E_best)), a group the sum of its rows, so both many and good starts
+    count; as ``temperature`` falls to 0 the lowest energy decides, as it rises the number of starts.
+
+    Args:
+        symmetry: ``"y"`` takes turns about the vertical axis for the same pose.
+        within_deg: largest angle of a row from the best one of its group.
+        temperature: relative to the lowest energy.
+
+    Raises:
+        ValueError: for a symmetry of another name, an angle outside 0° to 180° and a temperature not above 0.
+    """
+
+    def __init__(
+        self, symmetry: Symmetry = "none", within_deg: float = WITHIN_DEG, temperature: float = TEMPERATURE
+    ) -> None:
+        if symmetry not in ("none", "y"):
+            raise ValueError(f"Clusters: symmetry must be 'none' or 'y', got {symmetry!r}")
+        check_range("Clusters: within_deg", within_deg, 0, 180)
+        check_range("Clusters: temperature", temperature, 1e-6, 1e6)
+        self.symmetry, self.within_deg, self.temperature = symmetry, within_deg, temperature
+
+    def __call__(self, energy: Tensor, values: Variables, problem: Tensor) -> Tensor:
+        roll = values.get("roll", torch.zeros_like(values["azimuth"]))
+        rotation = rotation_from_angles(values["azimuth"], values["elevation"], roll)
+        winners = []
+        for number in range(int(problem.max()) + 1):
+            rows = (problem == number).nonzero()[:, 0]
+            rows = rows[energy[rows].argsort(stable=True)]
+            cluster = rotation_clusters(rotation[rows], energy[rows], self.symmetry, self.within_deg)
+            weight = energy_weights(energy[rows], self.temperature)
+            # Of equal groups the first, whose best row is better.
+            heaviest = torch.zeros_like(weight).index_add(0, cluster, weight).argmax()
+            winners.append(rows[int((cluster == heaviest).nonzero()[0])])
+        return torch.stack(winners)

@@ -1,0 +1,48 @@
+"""What `lightning` adds to Lightning's command line."""
+
+from pathlib import Path
+
+import pytest
+import torch
+from lightning.pytorch import LightningDataModule, LightningModule
+
+from kfit.cli.lightning import _CLI
+from kfit.geometry import CATEGORIES
+
+RECIPES = Path(__file__).parents[2] / "recipes"
+
+
+@pytest.fixture(autouse=True)
+def alone(monkeypatch):
+    monkeypatch.setattr("sys.argv", ["lightning"])
+    # Lightning 2.6 calls jsonargparse by a name that 4.53 has deprecated.
+    monkeypatch.setenv("JSONARGPARSE_DEPRECATION_WARNINGS", "off")
+
+
+def model_of(*words):
+    cli = _CLI(
+        LightningModule, LightningDataModule, subclass_mode_model=True, subclass_mode_data=True, run=False,
+        auto_configure_optimizers=False, save_config_callback=None,
+        args=["--trainer.logger", "false", "--trainer.accelerator", "cpu", *map(str, words)],
+    )  # fmt: skip
+    return cli.model
+
+
+@pytest.mark.parametrize("category", ["bowl", "mug"])
+def test_the_data_s_category_decides_camera_and_symmetry_also_in_the_checkpoint(category):
+    model = model_of("-c", RECIPES / "radiance_field.yaml", "--data.category", category)
+    known = CATEGORIES[category]
+    # The grid is as wide as the picture, so a ray through the picture's edge leaves it at the centre's depth.
+    middle = model.generator.points.view(model.generator.num_samples, 64, 64, 3).mean(0)
+    torch.testing.assert_close(middle[0, 0], torch.tensor([-63 / 64, 63 / 64, 0.0]), rtol=0, atol=1e-5)
+    assert model.generator.thickness == pytest.approx(known.unit_fraction * 64 / 24 / 4)
+    assert model.pose_head.symmetry == known.symmetry
+    said = model.hparams
+    assert said["generator"]["init_args"]["unit_fraction"] == known.unit_fraction
+    assert said["pose_head"]["init_args"]["symmetry"] == known.symmetry
+
+
+def test_a_generator_without_a_camera_is_left_as_it_is():
+    model = model_of("-c", RECIPES / "smoke.yaml", "--data.category", "bowl")
+    assert "unit_fraction" not in model.hparams["generator"]["init_args"]
+    assert model.pose_head is None

@@ -1,0 +1,109 @@
+"""The volume-rendered generator: it sees with the training camera, and draws colour, mask and depth by the formula."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from torch.utils.flop_counter import FlopCounterMode
+
+from kfit.core import frozen
+from kfit.data.rasterizer import DISTANCE, Light, pose_view
+from kfit.data.shapes.primitives import revolve
+from kfit.data.shapes.textures import solid
+from kfit.generators import VAE3D, RadianceField
+from kfit.generators.radiance_field import EMPTY
+
+WHITE = Light(np.ones(3), np.zeros((0, 3)), np.zeros((0, 3)))
+
+
+def ball_volume(at, radius, unit_fraction, side=64):
+    """Raw colour and density of a grey ball at a point in box diagonals, its surface where the density is 0."""
+    cells = ((torch.arange(side) + 0.5) / side - 0.5) / unit_fraction
+    z, y, x = torch.meshgrid(cells, cells, cells, indexing="ij")
+    away = torch.stack([x - at[0], y - at[1], z - at[2]]).norm(dim=0)
+    density = (200 * (radius - away)).clamp(EMPTY, 12)
+    return torch.cat([torch.zeros(3, *density.shape), density[None] - EMPTY])[None]
+
+
+def drawn(field, volume, azimuth_deg=0.0, elevation_deg=0.0):
+    angles = (torch.tensor([math.radians(angle)]) for angle in (azimuth_deg, elevation_deg))
+    with torch.no_grad():
+        return field._picture(volume, *angles)
+
+
+@pytest.mark.parametrize(
+    ("azimuth", "elevation", "unit_fraction"), [(0, 0, 1.0), (40, 0, 1.0), (-60, 50, 1.2), (130, -15, 0.9)]
+)
+def test_a_ball_is_drawn_where_and_as_large_and_as_far_as_the_rasterizer_draws_it(azimuth, elevation, unit_fraction):
+    at, radius = np.array([0.15, 0.1, 0.25]), 0.12
+    ring = np.linspace(-np.pi / 2, np.pi / 2, 48)
+    ball = revolve(radius * np.stack([np.cos(ring), np.sin(ring)], 1), solid(np.full(3, 0.5)), 48)
+    ball = replace(ball, vertices=ball.vertices + at.astype(np.float32))
+    expected = pose_view(ball, math.radians(elevation), math.radians(azimuth), WHITE, unit_fraction=unit_fraction)
+    field = RadianceField(num_samples=256, unit_fraction=unit_fraction)
+    found = drawn(field, ball_volume(at, radius, unit_fraction), azimuth, elevation)
+    mask = found.mask[0, 0].numpy()
+    assert np.abs(mask - expected.mask).mean() < 0.004  # of a ball that covers some 5 % of the picture
+    inside = np.minimum(mask, expected.mask) > 0.99
+    assert inside.sum() > 50
+    apart = found.depth[0, 0].numpy()[inside] - (expected.depth[inside] - DISTANCE)
+    assert 0 < apart.mean() < 0.025  # light enters a soft surface a little
+    assert apart.std() < 0.005
+
+
+def test_empty_space_is_white_and_what_is_dense_has_its_own_colour():
+    field = RadianceField(image_size=16, num_samples=8)
+    empty = drawn(field, torch.zeros(1, 4, 8, 8, 8))
+    assert float(empty.image.min()) > 0.999
+    assert float(empty.mask.max()) < 1e-3
+    full = torch.zeros(1, 4, 8, 8, 8)
+    full[:, 0], full[:, 3] = math.log(3), 30 - EMPTY  # red is sigmoid(log 3) = 3/4, the others 1/2
+    middle = drawn(field, full).image[0, :, 8, 8]
+    torch.testing.assert_close(middle, torch.tensor([0.75, 0.5, 0.5]), rtol=0, atol=1e-4)
+
+
+def test_what_is_near_hides_what_is_far_by_the_formula():
+    field = RadianceField(image_size=1, num_samples=2)
+    torch.manual_seed(0)
+    volume = torch.randn(1, 4, 6, 6, 6) - torch.tensor([0.0, 0.0, 0.0, EMPTY]).view(1, 4, 1, 1, 1)
+    found = drawn(field, volume)
+    samples = torch.nn.functional.grid_sample(volume, field.points.view(1, 2, 1, 1, 3), align_corners=False)[
+        0, :, :, 0, 0
+    ]
+    near, far = field.thickness * torch.log1p(torch.exp(2 * (samples[3] + EMPTY)))
+    share = torch.stack([1 - torch.exp(-near), torch.exp(-near) * (1 - torch.exp(-far))])
+    torch.testing.assert_close(found.mask.flatten()[0], share.sum())
+    torch.testing.assert_close(found.image.flatten(), torch.sigmoid(samples[:3]) @ share + 1 - share.sum())
+    torch.testing.assert_close(found.depth.flatten()[0], (share * torch.tensor([-0.25, 0.25])).sum() / share.sum())
+
+
+def test_does_no_more_arithmetic_than_the_compact_vae3d():
+    def multiply_adds(generator):
+        with FlopCounterMode(display=False) as counter:
+            frozen(generator)(code=torch.zeros(1, 16), azimuth=torch.zeros(1), elevation=torch.zeros(1))
+        return counter.get_total_flops() / 2
+
+    convolutions = multiply_adds(RadianceField())
+    assert convolutions == pytest.approx(0.17e9, rel=0.03)
+    # The counter leaves sampling out: 24 depths × 64² rays × 4 channels × 8 corners.
+    assert convolutions + 24 * 64**2 * 4 * 8 < 0.5 * multiply_adds(VAE3D())
+    assert sum(p.numel() for p in RadianceField().parameters()) < sum(p.numel() for p in VAE3D().parameters())
+
+
+def test_a_held_code_has_its_volume_computed_once(monkeypatch):
+    field, calls = RadianceField(3, (4, 3), 4, 16), []
+    real = RadianceField._volume
+    monkeypatch.setattr(RadianceField, "_volume", lambda self, code: calls.append(len(code)) or real(self, code))
+    bound = field.bind(code=torch.zeros(3), elevation=torch.tensor(0.1))
+    for _ in range(3):
+        bound(azimuth=torch.zeros(5))
+    assert calls == [1]
+
+
+def test_a_camera_inside_the_object_is_refused():
+    with pytest.raises(ValueError, match="RadianceField: distance"):
+        RadianceField(distance=0.4)
+    with pytest.raises(ValueError, match="RadianceField: unit_fraction"):
+        RadianceField(unit_fraction=0.0)

@@ -1,0 +1,126 @@
+"""Warps of a fixed picture, held against OpenCV's."""
+
+import cv2
+import numpy as np
+import pytest
+import torch
+
+from kfit.core import Generator, Rendering
+from kfit.generators import SimilarityWarp, Template
+
+STILL = {
+    "similarity": {"roll": 0.0, "shift": [0.0, 0.0], "scale": 1.0},
+    "affine": {"roll": 0.0, "shift": [0.0, 0.0], "scale": 1.0, "stretch": 1.0, "shear": 0.0},
+    "homography": {"corners": [[0.0, 0.0]] * 4},
+}
+MOVED = {
+    "similarity": {"roll": 0.3, "shift": [0.2, -0.1], "scale": 0.8},
+    "affine": {"roll": -0.2, "shift": [0.1, 0.1], "scale": 1.1, "stretch": 1.2, "shear": 0.15},
+    "homography": {"corners": [[0.1, -0.2], [-0.05, 0.1], [0.2, 0.1], [0.0, -0.1]]},
+}
+
+
+def picture(height=20, width=30):
+    """Smooth, with white nowhere."""
+    v, u = torch.meshgrid(torch.linspace(0, 3, height).double(), torch.linspace(0, 4, width).double(), indexing="ij")
+    return torch.stack([0.3 + 0.2 * (u + k * v).sin() for k in (0, 1, 2)])
+
+
+def rows(values):
+    return {name: torch.tensor([value], dtype=torch.float64) for name, value in values.items()}
+
+
+@pytest.mark.parametrize("motion", STILL)
+class TestAMotion:
+    def test_that_does_not_move_leaves_the_picture_as_it_is(self, motion):
+        drawn = Template(picture(), motion)(**rows(STILL[motion]))
+        torch.testing.assert_close(drawn.image[0], picture(), rtol=0, atol=1e-12)
+        assert drawn.mask.min() > 1 - 1e-12
+
+    def test_is_what_opencv_draws_with_its_matrix(self, motion):
+        template, values = Template(picture(), motion, fill=0.0), rows(MOVED[motion])
+        matrix = template.matrix(**values)[0].numpy()
+        pixels = picture().permute(1, 2, 0).numpy()
+        theirs = cv2.warpPerspective(pixels, matrix, (30, 20), flags=cv2.INTER_LINEAR)
+        drawn = template(**values)
+        inside = cv2.erode((drawn.mask[0, 0].numpy() > 0.999).astype(np.uint8), np.ones((3, 3))) > 0
+        assert inside.sum() > 200
+        # OpenCV rounds coordinates to 1/32 of a pixel
+        apart = np.abs(drawn.image[0].permute(1, 2, 0).numpy() - theirs)[inside]
+        assert apart.max() < 5e-3
+
+    def test_is_white_or_the_fill_outside_and_the_mask_says_where(self, motion):
+        values, other = rows(MOVED[motion]), torch.rand(3, 20, 30).double()
+        drawn = Template(picture(), motion)(**values)
+        outside = (drawn.mask == 0).expand_as(drawn.image)
+        assert outside.any()
+        assert (drawn.image[outside] == 1).all()
+        filled = Template(picture(), motion, fill=other)(**values)
+        assert (filled.image[outside] == other[None][outside]).all()
+        torch.testing.assert_close(filled.mask, drawn.mask)
+
+    def test_is_the_same_at_half_the_size(self, motion):
+        values = rows(MOVED[motion])
+        large, small = (Template(picture(size, size), motion).matrix(**values) for size in (40, 20))
+        halve = torch.tensor([[0.5, 0, -0.25], [0, 0.5, -0.25], [0, 0, 1]], dtype=torch.float64)
+        expected = halve @ large @ halve.inverse()
+        torch.testing.assert_close(small / small[:, 2:, 2:], expected / expected[:, 2:, 2:])
+
+    def test_moves_the_corners_by_what_a_homography_needs_to_do_the_same(self, motion):
+        template = Template(picture(), motion)
+        matrix = template.matrix(**rows(MOVED[motion]))
+        found = Template(picture(), "homography").matrix(corners=template.corners(matrix))
+        torch.testing.assert_close(found / found[:, 2:, 2:], matrix / matrix[:, 2:, 2:])
+
+
+def test_a_similarity_is_that_of_the_similarity_warp():
+    class Still(Generator):
+        variables = {}  # noqa: RUF012
+
+        def forward(self, **values):
+            return Rendering(picture()[None], torch.ones(1, 1, 20, 30).double())
+
+    values = rows(MOVED["similarity"])
+    ours, theirs = Template(picture(), "similarity")(**values), SimilarityWarp(Still())(**values)
+    torch.testing.assert_close(ours.image, theirs.image, rtol=0, atol=1e-12)
+    torch.testing.assert_close(ours.mask, theirs.mask, rtol=0, atol=1e-12)
+
+
+def test_corners_go_where_they_are_told():
+    corners = rows(MOVED["homography"])["corners"]
+    template = Template(picture())
+    torch.testing.assert_close(template.corners(template.matrix(corners=corners)), corners)
+
+
+def test_gain_and_bias_change_the_template_and_not_the_fill():
+    template = Template(picture(), "similarity", light=True)
+    light = rows({"gain": 0.5, "bias": 0.1})
+    drawn = template(**rows(MOVED["similarity"]), **light)
+    plain = Template(picture(), "similarity")(**rows(MOVED["similarity"]))
+    covered = (plain.mask > 0.999).expand_as(plain.image)
+    torch.testing.assert_close(drawn.image[covered], 0.5 * plain.image[covered] + 0.1)
+    assert (drawn.image[(plain.mask == 0).expand_as(plain.image)] == 1).all()
+
+
+def test_a_mask_keeps_out_what_is_not_known_of_the_template():
+    mask = torch.ones(1, 20, 30).double()
+    mask[..., :10] = 0
+    drawn = Template(picture(), "similarity", mask=mask)(**rows(STILL["similarity"]))
+    assert (drawn.image[..., :10] == 1).all()
+    torch.testing.assert_close(drawn.image[0, ..., 10:], picture()[..., 10:], rtol=0, atol=1e-12)
+    torch.testing.assert_close(drawn.mask[0], mask, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("given", "error", "said"),
+    [
+        ({"picture": torch.rand(20, 30)}, ValueError, r"picture must have shape \(C, H, W\)"),
+        ({"picture": torch.zeros(3, 4, 4, dtype=torch.uint8)}, TypeError, "picture must be a floating-point tensor"),
+        ({"motion": "rigid"}, ValueError, "motion must be one of similarity, affine, homography, got 'rigid'"),
+        ({"fill": torch.rand(3, 4, 4)}, ValueError, r"fill must have shape \(3, 20, 30\)"),
+        ({"mask": torch.rand(3, 20, 30)}, ValueError, r"mask must have shape \(1, 20, 30\)"),
+    ],
+)
+def test_what_cannot_be_drawn_is_refused_in_a_sentence(given, error, said):
+    with pytest.raises(error, match=said):
+        Template(**{"picture": picture(), **given})

@@ -1,0 +1,57 @@
+from __future__ import annotations
+
+import pytest
+import torch
+
+from kfit.core import Angle, FitResult, History, Observation, Positive, Variable
+from kfit.initializers import Previous
+
+VARIABLES = {"code": Variable((3,)), "azimuth": Variable((), Angle()), "scale": Variable((), Positive())}
+NOTHING = torch.zeros(0)
+
+
+def answer(**values: torch.Tensor) -> FitResult:
+    plain = {"code": torch.ones(2, 3), "azimuth": torch.tensor([1.0, -2.0]), "scale": torch.tensor([0.5, 2.0])}
+    history = History(NOTHING, {}, {})
+    return FitResult(plain | values, NOTHING, NOTHING, NOTHING, NOTHING, NOTHING, {}, history)
+
+
+def starts(initializer: Previous, num_starts: int = 4, problems: int = 2) -> dict[str, torch.Tensor]:
+    rngs = [torch.Generator().manual_seed(number) for number in range(problems)]
+    return initializer(VARIABLES, Observation(torch.ones(problems, 3, 4, 4)), num_starts, rngs)
+
+
+def test_without_spread_every_start_is_the_answer() -> None:
+    given = starts(Previous(answer()))
+    torch.testing.assert_close(given["azimuth"], torch.tensor([1.0, -2.0]).repeat_interleave(4))
+    torch.testing.assert_close(given["scale"], torch.tensor([0.5, 2.0]).repeat_interleave(4))
+    torch.testing.assert_close(given["code"], torch.ones(8, 3))
+
+
+def test_the_first_start_is_the_answer_and_the_others_spread_around_it_where_the_optimizer_walks() -> None:
+    given = starts(Previous(answer(), spread={"azimuth": 0.1, "scale": 0.2}), 4000)
+    azimuth, scale = given["azimuth"].view(2, 4000), given["scale"].view(2, 4000)
+    assert azimuth[:, 0].tolist() == pytest.approx([1.0, -2.0])
+    assert (azimuth / torch.pi).std(1).tolist() == pytest.approx([0.1, 0.1], rel=0.05)
+    assert scale.log().std(1).tolist() == pytest.approx([0.2, 0.2], rel=0.05)
+    assert bool((scale > 0).all())
+    torch.testing.assert_close(given["code"], torch.ones(8000, 3))
+
+
+def test_takes_over_only_what_it_is_told_to() -> None:
+    initializer = Previous(answer(), on=("azimuth",))
+    assert initializer.on == ("azimuth",)
+    assert set(starts(initializer)) == {"azimuth"}
+
+
+def test_refuses_what_it_cannot_start_from() -> None:
+    with pytest.raises(ValueError, match="Previous: on: unknown tilt; the names are azimuth, code, scale"):
+        Previous(answer(), on=("tilt",))
+    with pytest.raises(ValueError, match="Previous: spread: unknown code; the names are azimuth"):
+        Previous(answer(), on=("azimuth",), spread={"code": 0.1})
+    with pytest.raises(ValueError, match="Previous: spread of code must lie between 0 and inf"):
+        Previous(answer(), spread={"code": -0.1})
+    with pytest.raises(ValueError, match="Previous: azimuth of a problem is not finite"):
+        Previous(answer(azimuth=torch.tensor([1.0, torch.nan])))
+    with pytest.raises(ValueError, match="the result holds 2 problems, the observation 3"):
+        starts(Previous(answer()), problems=3)
