@@ -5,6 +5,7 @@ from kfit.models.category_model import CategoryModel
 from kfit.models.files import read_checkpoint, read_model, write_model
 from kfit.models.load import bundled, load
 from kfit.models.pose_result import Alternative, PoseResult
+from kfit.models.released import load_released, released_values
 
 __all__ = [
     "Alternative",
@@ -13,7 +14,9 @@ __all__ = [
     "PoseResult",
     "bundled",
     "load",
+    "load_released",
     "read_checkpoint",
     "read_model",
+    "released_values",
     "write_model",
 ]

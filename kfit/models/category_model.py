@@ -12,25 +12,22 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from kfit.callbacks import Pruning
-from kfit.core import Callback, Encoder, FitResult, Generator
+from kfit.core import Callback, Encoder, FitResult, Generator, PoseNetwork
 from kfit.energies import SSIM, CodePrior, Perceptual, Silhouette
 from kfit.features import EfficientNetLite0
 from kfit.generators import ExtentsHead, SimilarityWarp
-from kfit.geometry import Crop, pose_from_crop, rotation_error, rotation_from_angles, to_opencv
-from kfit.initializers import Constant, EncoderPosterior, SphereGrid
+from kfit.geometry import Crop, pose_from_crop, rotation_from_angles, to_opencv
+from kfit.initializers import Constant, EncoderPosterior, PosePosterior, SphereGrid
+from kfit.models.alternatives import alternatives, seen_share, warning
 from kfit.models.card import Card
 from kfit.models.given import as_photo, choose_camera, choose_mask
-from kfit.models.pose_result import Alternative, PoseResult
+from kfit.models.pose_result import PoseResult
 from kfit.optimizers import Adam
 from kfit.pipeline import FitPipeline
 from kfit.segmentation import Photo, mask_from_alpha, read_photo
 
 # Raw units a step, as the released code fits (neural_object_fitting@7309348): half-turns for angles.
 RATES = {"code": 0.3, "azimuth": 0.03, "elevation": 0.01, "roll": 0.01, "shift": 0.03, "scale": 0.03}
-# Poses closer than this are one alternative.
-SAME_POSE_DEG = 20.0
-# An alternative weighs exp(−(E − E_best) / (0.1 · E_best)).
-RELATIVE_TEMPERATURE = 0.1
 
 
 class CategoryModel:
@@ -40,11 +37,20 @@ class CategoryModel:
         generator: of ``code``, ``azimuth`` and ``elevation``.
         encoder: picture → Gaussian over the code.
         extents: code → the object's normalised sides.
-        card: what is known about the three.
+        card: what is known about them.
+        pose_head: picture → distribution over poses; None where the model has none.
     """
 
-    def __init__(self, generator: Generator, encoder: Encoder, extents: ExtentsHead, card: Card) -> None:
+    def __init__(
+        self,
+        generator: Generator,
+        encoder: Encoder,
+        extents: ExtentsHead,
+        card: Card,
+        pose_head: PoseNetwork | None = None,
+    ) -> None:
         self.generator, self.encoder, self.extents, self.card = generator, encoder, extents, card
+        self.pose_head = pose_head
 
     @staticmethod
     def of(networks: dict[str, nn.Module], card: Card) -> CategoryModel:
@@ -53,23 +59,25 @@ class CategoryModel:
         Raises:
             ValueError: if one of them is not what its name says.
         """
-        for name, kind in (("generator", Generator), ("encoder", Encoder), ("extents", ExtentsHead)):
-            if not isinstance(networks[name], kind):
-                raise ValueError(f"the {name} must be a {kind.__name__}, got {type(networks[name]).__name__}")
-        return CategoryModel(networks["generator"], networks["encoder"], networks["extents"], card)  # type: ignore[arg-type]
+        kinds = {"generator": Generator, "encoder": Encoder, "extents": ExtentsHead, "pose_head": PoseNetwork}
+        for name, network in networks.items():
+            if not isinstance(network, kinds[name]):
+                raise ValueError(f"the {name} must be a {kinds[name].__name__}, got {type(network).__name__}")
+        return CategoryModel(**networks, card=card)  # type: ignore[arg-type]
 
     def pipeline(
         self, num_starts: int = 32, num_steps: int = 50, callbacks: Sequence[Callback] | None = None
     ) -> FitPipeline:
         """The fit that `pose` runs: the paper's, with an energy that works offline.
 
-        Poses on an even grid over the sphere's valid part, codes from the encoder's posterior, Adam at the released
-        rates; E = features of EfficientNet-Lite0 + 2 · SSIM + 5 · silhouette + 0.02 · code prior. The mix was chosen
-        on a dozen mugs, where no other energy that was tried did measurably better.
+        Poses at the peaks of the pose head's distribution, without a head on an even grid over the sphere's valid part;
+        codes from the encoder's posterior, Adam at the released rates; E = features of EfficientNet-Lite0 + 2 · SSIM +
+        5 · silhouette + 0.02 · code prior. The mix was chosen on a dozen mugs, where no other energy that was tried did
+        measurably better.
 
         Args:
             num_starts, num_steps: as in `kfit.FitPipeline`.
-            callbacks: pruning to 12 starts at step 5 and 5 at step 14 unless given.
+            callbacks: pruning to 10 starts at step 3 and 4 at step 10 unless given.
         """
         return FitPipeline(
             SimilarityWarp(self.generator),
@@ -80,13 +88,13 @@ class CategoryModel:
                 "prior": CodePrior(),
             },
             [
-                SphereGrid(elevation_deg=(0.0, 60.0)),
+                PosePosterior(self.pose_head) if self.pose_head else SphereGrid(elevation_deg=(0.0, 60.0)),
                 EncoderPosterior(self.encoder),
                 Constant({"roll": 0.0, "shift": 0.0, "scale": 1.0}),
             ],
             Adam(RATES, betas=(0.5, 0.999)),
             weights={"ssim": 2.0, "silhouette": 5.0, "prior": 0.02},
-            callbacks=[Pruning({5: 12, 14: 5})] if callbacks is None else callbacks,
+            callbacks=[Pruning({3: 10, 10: 4})] if callbacks is None else callbacks,
             num_starts=num_starts,
             num_steps=num_steps,
         )
@@ -164,7 +172,12 @@ class CategoryModel:
             drawing = SimilarityWarp(self.generator)(**fit.values).image[0].permute(1, 2, 0)
         # From the crop's virtual camera to the photo's: the same turn for every start, up to their shifts.
         turn = rotation[0] @ to_opencv(rotation_from_angles(*angles))[0].mT
-        alternatives = self._alternatives(fit, turn)
+        symmetry = self.card.known.symmetry
+        found = alternatives(fit, turn, symmetry)
+        seen = None
+        if self.pose_head is not None:
+            seen = seen_share(fit, observation.image, self.pose_head, symmetry)
+        said = warning(found, seen, symmetry)
         rows, columns = np.nonzero(mask > 0.5)
         left, top = int(columns.min()), int(rows.min())
         return PoseResult(
@@ -174,32 +187,15 @@ class CategoryModel:
             size=(extents * self.card.mean_diagonal).numpy(),
             bbox_xywh=(left, top, int(columns.max()) + 1 - left, int(rows.max()) + 1 - top),
             energy=float(fit.energy[0]),
-            confidence=alternatives[0].weight,
-            alternatives=alternatives,
+            confidence=found[0].weight,
+            ambiguous=said is not None,
+            alternatives=found,
             intrinsics=camera.double().numpy(),
             intrinsics_from=came_from,
-            notes=notes,
+            notes=notes if said is None else [*notes, said],
             mask=mask,
             crop=crop,
             observation=observation,
             drawing=drawing.numpy(),
             fit=fit,
         )
-
-    def _alternatives(self, fit: FitResult, turn: Tensor) -> list[Alternative]:
-        values = {name: value.double() for name, value in fit.all_values.items()}
-        rotation = turn @ to_opencv(rotation_from_angles(values["azimuth"], values["elevation"], values["roll"]))
-        energy = fit.all_energy.double()
-        best = fit.energy.double()[0]
-        weight = torch.softmax(-(energy - best) / (RELATIVE_TEMPERATURE * best.abs() + 1e-9), 0)
-        left = torch.ones_like(energy, dtype=torch.bool)
-        winner = int((fit.all_start == fit.start[0]).nonzero()[0])
-        groups: list[Alternative] = []
-        while left.any():
-            # The answer's group first, then that of the best start that is left.
-            head = int(energy.masked_fill(~left, torch.inf).argmin()) if groups else winner
-            apart = rotation_error(rotation[head], rotation, self.card.known.symmetry).rad2deg()
-            group = left & (apart <= SAME_POSE_DEG)
-            groups.append(Alternative(rotation[head].numpy(), float(energy[head]), float(weight[group].sum())))
-            left &= ~group
-        return groups[:1] + sorted(groups[1:], key=lambda group: -group.weight)

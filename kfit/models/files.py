@@ -14,6 +14,7 @@ from torch import nn
 from kfit.models.card import Card
 
 NETWORKS = ("generator", "encoder", "extents")
+OPTIONAL = ("pose_head",)
 
 
 def write_model(path: Path, networks: dict[str, nn.Module], card: Card) -> None:
@@ -45,7 +46,7 @@ def read_model(path: Path) -> tuple[dict[str, nn.Module], Card]:
     except (SafetensorError, OSError) as error:
         raise ValueError(f"{path} is damaged or no safetensors file: {error}") from None
     networks = {}
-    for name in NETWORKS:
+    for name in _names(card.networks):
         network = _build(card.networks.get(name), name, path)
         own = {key.removeprefix(f"{name}."): t.float() for key, t in numbers.items() if key.startswith(f"{name}.")}
         try:
@@ -79,11 +80,16 @@ def read_checkpoint(path: Path) -> tuple[dict[str, nn.Module], dict[str, Any]]:
             f"{path} is no checkpoint of kfit.training.ConditionalVAE by `lightning fit`: {reason}"
         ) from None
     networks = {}
-    for name in NETWORKS:
+    for name in _names(said):
         network = _build(said.get(name), name, path)
         network.load_state_dict({k.removeprefix(f"{name}."): t for k, t in numbers.items() if k.startswith(f"{name}.")})
         networks[name] = network.eval()
     return networks, saved
+
+
+def _names(said: dict[str, Any]) -> list[str]:
+    """The networks that a file must hold, and of the others those that it names."""
+    return [*NETWORKS, *(name for name in OPTIONAL if said.get(name) is not None)]
 
 
 def _build(said: Any, name: str, path: Path) -> nn.Module:

@@ -11,7 +11,7 @@ from kornia.geometry.conversions import rotation_matrix_to_quaternion
 from numpy.typing import NDArray
 
 from kfit.core import FitResult, Observation
-from kfit.geometry import Crop
+from kfit.geometry import CATEGORIES, Crop
 
 
 @dataclass(frozen=True)
@@ -22,11 +22,13 @@ class Alternative:
         rotation: (3, 3).
         energy: of its best start.
         weight: share of the surviving starts' weight, in [0, 1]; all alternatives' sum to 1.
+        spread_deg: weighted angular standard deviation of its starts about the best one.
     """
 
     rotation: NDArray[np.float64]
     energy: float
     weight: float
+    spread_deg: float
 
 
 @dataclass(frozen=True)
@@ -41,6 +43,7 @@ class PoseResult:
         bbox_xywh: left, top, width, height of the mask's box, in pixels.
         energy: of the winning start; lower is better.
         confidence: weight of the answer among the alternatives, in [0, 1]; not a probability of being right.
+        ambiguous: whether other poses explain the picture about as well; a note says which.
         alternatives: distinct poses, the answer first, then by weight.
         intrinsics: (3, 3) that translation rests on.
         intrinsics_from: "given", "EXIF" or "assumed".
@@ -59,6 +62,7 @@ class PoseResult:
     bbox_xywh: tuple[int, int, int, int]
     energy: float
     confidence: float
+    ambiguous: bool
     alternatives: list[Alternative]
     intrinsics: NDArray[np.float64]
     intrinsics_from: str
@@ -81,6 +85,7 @@ class PoseResult:
         """What ``pose.json`` holds: numbers, lists and strings only."""
         return {
             "category": self.category,
+            "symmetry": CATEGORIES[self.category].symmetry,
             "rotation": self.rotation.tolist(),
             "quaternion_wxyz": self.quaternion_wxyz.tolist(),
             "translation": self.translation.tolist(),
@@ -88,8 +93,10 @@ class PoseResult:
             "bbox_xywh": list(self.bbox_xywh),
             "energy": self.energy,
             "confidence": self.confidence,
+            "ambiguous": self.ambiguous,
             "alternatives": [
-                {"rotation": a.rotation.tolist(), "energy": a.energy, "weight": a.weight} for a in self.alternatives
+                {"rotation": a.rotation.tolist(), "energy": a.energy, "weight": a.weight, "spread_deg": a.spread_deg}
+                for a in self.alternatives
             ],
             "intrinsics": self.intrinsics.tolist(),
             "intrinsics_from": self.intrinsics_from,

@@ -14,21 +14,23 @@ from torch.nn import functional as F
 
 from kfit.core import Encoder, Energy, Generator, Rendering, frozen
 from kfit.core.check import check_names
-from kfit.generators import ExtentsHead
+from kfit.generators import ExtentsHead, PoseHead
 from kfit.training.jitter import Jitter
 
-TAKEN = {"extents", "kl", "l1", "loss"}  # in the log, beside the losses
+TAKEN = {"extents", "kl", "l1", "loss", "pose"}  # in the log, beside the losses
 
 
 class ConditionalVAE(LightningModule):
     """Sees one view of an object and must draw another (Chen et al. 2020, section 3.2).
 
-    L = Σ_k w_k · mean_n e_k(G(z, pose), I) + λ · D_KL + w_ext · ‖extents(z) − extents‖₁,
+    L = Σ_k w_k · mean_n e_k(G(z, pose), I) + λ · D_KL + w_ext · ‖extents(z) − extents‖₁ + w_pose · mean_n KL_pose,
     z = μ + σ·ε from the encoder's look at the other view, and
     D_KL = mean_n Σ_d ½ (μ² + σ² − 1 − log σ²) in nats, summed over the code and averaged over the batch, where each
-    energy averages over pixels and channels. (The released code averages KL over the code and never adds it.)
+    energy averages over pixels and channels. (The released code averages KL over the code and never adds it.) KL_pose
+    is `kfit.generators.PoseHead.divergence` of the encoder's view from its true pose.
 
-    Batches are those of `kfit.data.ViewsDataModule`; without extents in them, extents are not learned.
+    Batches are those of `kfit.data.ViewsDataModule`; without extents in them, extents are not learned, nor poses
+    without ``source_azimuth`` and ``source_elevation``.
 
     Args:
         generator: of variables ``code``, ``azimuth`` and ``elevation``.
@@ -41,6 +43,9 @@ class ConditionalVAE(LightningModule):
         extents_weight: w_ext.
         rate: largest learning rate of Adam; it rises over the first twentieth of the steps and falls as a cosine.
         jitter: how the encoder's view is disturbed; None shows it as it is.
+        pose_head: picture → distribution over poses, trained beside the others on the encoder's views; None has none.
+        pose_weight: w_pose. The head shares no parameter with the others, so Adam learns it alike at any weight; a
+            small one keeps its gradients from deciding how the others' are clipped.
         compile: compile the networks (`torch.compile`): half a minute of waiting for about 1.7 times the speed.
             Without a C++ compiler training goes on uncompiled.
 
@@ -61,6 +66,8 @@ class ConditionalVAE(LightningModule):
         rate: float = 2e-3,
         jitter: Jitter | None = None,
         compile: bool = False,
+        pose_head: PoseHead | None = None,
+        pose_weight: float = 0.01,
     ) -> None:
         super().__init__()
         check_names("loss_weights", loss_weights or {}, losses)
@@ -73,21 +80,21 @@ class ConditionalVAE(LightningModule):
             self.save_hyperparameters()
         self.save_hyperparameters(ignore=[name for name, value in self.hparams.items() if not _is_plain(value)])
         self.generator, self.encoder, self.extents = generator, encoder, extents
-        self.losses = frozen(nn.ModuleDict(losses)).train()
+        self.losses = frozen(nn.ModuleDict(losses))
         self.loss_weights = {name: 1.0 for name in losses} | (loss_weights or {})
         self.kl_weight, self.extents_weight, self.rate = kl_weight, extents_weight, rate
         self.jitter, self.compiles = jitter, compile
+        self.pose_head, self.pose_weight = pose_head, pose_weight
 
     def on_fit_start(self) -> None:
+        # Fixed networks, in the losses and in encoders, stay in evaluation mode, as they should.
+        warnings.filterwarnings("ignore", message=r"Found \d+ module\(s\) in eval mode")
         if self.compiles:
             if self.device.type == "cpu" and not any(shutil.which(name) for name in ("c++", "g++", "clang++")):
                 self.print("no C++ compiler found: training goes on uncompiled")
                 return
             self.generator.compile()
             self.encoder.compile()
-
-    def on_train_start(self) -> None:
-        self.losses.eval()  # not before, or Lightning warns of modules in evaluation mode
 
     def forward(self, image: Tensor, azimuth: Tensor, elevation: Tensor) -> Rendering:
         """Draw the objects of pictures (N, 3, S, S) from other sides, each (N,) in radians."""
@@ -104,7 +111,8 @@ class ConditionalVAE(LightningModule):
         terms = self._compare(drawn, batch)
         if "extents" in batch:
             terms["extents"] = F.l1_loss(self.extents(code), batch["extents"])
-        weights = self.loss_weights | {"extents": self.extents_weight}
+        terms |= self._pose(seen, batch)
+        weights = self.loss_weights | {"extents": self.extents_weight, "pose": self.pose_weight}
         loss = sum((weights[name] * term for name, term in terms.items()), self.kl_weight * divergence)
         self.log_dict({f"train/{k}": v.detach() for k, v in terms.items()} | {"train/kl": divergence.detach()})
         self.log("train/loss", loss.detach(), prog_bar=True)
@@ -115,6 +123,7 @@ class ConditionalVAE(LightningModule):
         terms = self._compare(drawn, batch)
         if "extents" in batch:
             terms["extents"] = F.l1_loss(self.extents(self.encoder(batch["source"])[0]), batch["extents"])
+        terms |= self._pose(batch["source"], batch)
         size = len(batch["target"])
         self.log_dict({f"val/{k}": v for k, v in terms.items()}, batch_size=size, sync_dist=True)
         away = F.l1_loss(drawn.image, batch["target"])
@@ -126,6 +135,12 @@ class ConditionalVAE(LightningModule):
             name: energy(drawn.handed(energy.on), target.handed(energy.on)).mean()  # type: ignore[arg-type]
             for name, energy in self.losses.items()
         }
+
+    def _pose(self, seen: Tensor, batch: dict[str, Tensor]) -> dict[str, Tensor]:
+        if self.pose_head is None or "source_azimuth" not in batch:
+            return {}
+        said = self.pose_head(seen)
+        return {"pose": self.pose_head.divergence(said, batch["source_azimuth"], batch["source_elevation"]).mean()}
 
     def configure_optimizers(self) -> Any:
         adam = torch.optim.Adam([p for p in self.parameters() if p.requires_grad], lr=self.rate)

@@ -2,13 +2,15 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 import torch
 
 import kfit
-from kfit.models import Card, CategoryModel, bundled, read_checkpoint, read_model
+from kfit.generators import PoseHead
+from kfit.models import Card, CategoryModel, bundled, read_checkpoint, read_model, write_model
 
 
 def edit(path: Path, **changes: object) -> None:
@@ -22,6 +24,21 @@ def test_a_written_model_draws_the_same_pictures_to_half_precision(tiny_model: C
     with torch.no_grad():
         assert torch.allclose(read.generator(**values).image, tiny_model.generator(**values).image, atol=2e-3)
     assert read.card == tiny_model.card
+
+
+def test_a_model_keeps_its_pose_head(tiny_model: CategoryModel, tmp_path: Path) -> None:
+    said = {"class_path": "kfit.generators.PoseHead", "init_args": {"channels": [8, 8, 8, 8], "hidden_dim": 8}}
+    head, path = PoseHead(**said["init_args"]), tmp_path / "headed.safetensors"
+    parts = {"generator": tiny_model.generator, "encoder": tiny_model.encoder, "extents": tiny_model.extents}
+    card = replace(tiny_model.card, networks=tiny_model.card.networks | {"pose_head": said})
+    write_model(path, parts | {"pose_head": head}, card)
+    read, picture = kfit.load(path).pose_head, torch.rand(1, 3, 64, 64)
+    assert isinstance(read, PoseHead)
+    with torch.no_grad():
+        assert torch.allclose(read(picture), head(picture), atol=1e-2)
+    edit(path, networks=card.networks | {"pose_head": card.networks["encoder"]})
+    with pytest.raises(ValueError, match="the weights are not those of the pose_head"):
+        kfit.load(path)
 
 
 def test_writing_leaves_no_temporary_file(tiny_file: Path) -> None:

@@ -17,7 +17,7 @@ from torch.utils.data import DataLoader, Dataset
 
 from kfit.core import Energy
 from kfit.energies import L1, Perceptual, Silhouette
-from kfit.generators import VAE3D, ConvEncoder, ExtentsHead
+from kfit.generators import VAE3D, ConvEncoder, ExtentsHead, PoseHead
 from kfit.training import ConditionalVAE, Jitter, PictureGrid
 
 ROOT = Path(__file__).parents[2]
@@ -46,6 +46,10 @@ def build(**changes):
         "rate": 0.01,
     }
     return ConditionalVAE(**settings | changes)
+
+
+def small_head():
+    return PoseHead(channels=(8, 8), hidden_dim=8, image_size=SIDE)
 
 
 def batch(rows=4, seed=0):
@@ -161,9 +165,41 @@ class TestTheLoss:
         assert seen[0] is given["source"]
 
 
+class TestAPoseHead:
+    def poses(self):
+        return {"source_azimuth": torch.tensor([0.1, -3.0, 2.0, 1.0]), "source_elevation": torch.full((4,), 0.4)}
+
+    def test_learns_the_pose_of_the_encoder_s_view_by_its_weight(self, logged):
+        given, plain = batch() | self.poses(), build()
+        torch.manual_seed(11)
+        without = plain.training_step(given, 0)
+        module = build(pose_head=small_head(), pose_weight=0.5)
+        torch.manual_seed(11)
+        loss = module.training_step(given, 0)
+        head = module.pose_head
+        said = head.divergence(head(given["source"]), given["source_azimuth"], given["source_elevation"]).mean()
+        torch.testing.assert_close(loss, without + 0.5 * said)
+        assert logged["train/pose"] == pytest.approx(float(said.detach()))
+        with torch.no_grad():
+            module.validation_step(given, 0)
+        assert logged["val/pose"] == logged["train/pose"]
+
+    def test_looks_at_the_jittered_view_while_training(self, logged, monkeypatch):
+        module, seen = build(pose_head=small_head(), jitter=Jitter()), []
+        monkeypatch.setattr(module, "jitter", lambda image: 1 - image)
+        module.pose_head.register_forward_pre_hook(lambda _, inputs: seen.append(inputs[0]))
+        given = batch() | self.poses()
+        module.training_step(given, 0)
+        torch.testing.assert_close(seen[0], 1 - given["source"])
+
+    def test_is_left_alone_where_the_batch_tells_no_pose(self, logged):
+        with torch.no_grad():
+            assert build(pose_head=small_head()).training_step(batch(), 0).isfinite()
+        assert "train/pose" not in logged
+
+
 class TestLossNetworks:
     @quiet
-    @pytest.mark.filterwarnings("ignore:Found 4 module.* in eval mode")  # Perceptual's network, as it should be
     def test_given_are_not_trained_and_stay_in_evaluation_mode(self, tmp_path):
         class Raw(Energy):
             """Somebody's energy that has forgotten to freeze its network."""
@@ -269,16 +305,17 @@ class TestCheckpoint:
         saved = torch.load(tmp_path / "all.ckpt", weights_only=True)
         assert dict(saved["hyper_parameters"]) == {
             "loss_weights": {"mask": 0.2}, "kl_weight": 0.01, "extents_weight": 0.3, "rate": 0.01, "compile": False,
+            "pose_head": None, "pose_weight": 0.01,
         }  # fmt: skip
         again = build()
         again.load_state_dict(saved["state_dict"])
         torch.testing.assert_close(again.generator.constant, module.generator.constant)
 
-    @pytest.mark.parametrize("jitter", [None, Jitter()])
-    def test_leaves_no_network_among_the_hyperparameters(self, jitter):
-        module = build(jitter=jitter)
-        plain = {"loss_weights", "kl_weight", "extents_weight", "rate", "compile"}
-        plain |= set() if jitter else {"jitter"}
+    @pytest.mark.parametrize(("jitter", "head"), [(None, None), (Jitter(), small_head())])
+    def test_leaves_no_network_among_the_hyperparameters(self, jitter, head):
+        module = build(jitter=jitter, pose_head=head)
+        plain = {"loss_weights", "kl_weight", "extents_weight", "rate", "compile", "pose_weight"}
+        plain |= set() if jitter else {"jitter", "pose_head"}
         assert set(module.hparams) == set(module.hparams_initial) == plain
 
 

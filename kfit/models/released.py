@@ -1,0 +1,120 @@
+"""The authors' released checkpoints, read as kfit's networks (neural_object_fitting@7309348)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from kfit.core import Variables
+from kfit.core.check import check_shape
+from kfit.generators import VAE3D, ConvEncoder
+
+# Their names of the layers, in the order of kfit's.
+LIFTS, DECODES = ("enc_1.0", "enc_2.0"), ("enc_3.0", "enc_4.0")
+CONVOLUTIONS, LINEARS = ("model.0", "model.2", "model.5", "model.8"), ("enc_out.0", "enc_out.2")
+# Voxels or pixels over which each of their normalisations goes.
+COUNTS = (4**3, 8**3, 16**3, 32**2, 64**2)
+
+
+def load_released(path: str | Path) -> tuple[VAE3D, ConvEncoder]:
+    """Read a released ``model_latest.pth``: generator and encoder, in evaluation mode.
+
+    They compute what the released code does: pictures and codes to 1e-4. Pictures are in [0, 1], kfit's range, not in
+    [−1, 1]; the generator draws no mask, as theirs did not. `released_values` takes their numbers to kfit's variables.
+
+    What differs is taken up by the weights, once. Their tanh is 2σ(2x) − 1, so the last layer is doubled. Their
+    standard deviation is the unbiased one, so the spreads shrink by √((n − 1)/n). Their grid turns the volume by
+    Ry(azimuth) · Rx(elevation) with y down, which is kfit's elevation once the volume's depth is reversed, and the
+    other sense of azimuth. Their convolutions of stride 1 are transposed ones. The spectral norm uᵀWv is divided out.
+
+    Raises:
+        FileNotFoundError: if there is no such file.
+        ValueError: if it is no such checkpoint.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"no checkpoint at {path}")
+    wrong = f"{path} is no released checkpoint, that is {{'netG': …, 'netE': …}} of neural_object_fitting"
+    try:
+        saved = torch.load(path, map_location="cpu", weights_only=True)
+        theirs_g, theirs_e = saved["netG"], saved["netE"]
+    except Exception as error:
+        raise ValueError(f"{wrong}: {str(error).splitlines()[0]}") from None
+    try:
+        numbers_g, numbers_e = _generator(theirs_g), _encoder(theirs_e)
+        code_dim = theirs_g["mlp0.fc.weight"].shape[1]
+        generator = VAE3D.paper(code_dim, mask=False)
+        encoder = ConvEncoder(code_dim, (64, 128, 256, 512), tint_grid=0, instance_norm=True, bounded=True)
+        generator.load_state_dict(numbers_g)
+        encoder.load_state_dict(numbers_e)
+    except KeyError as error:
+        raise ValueError(f"{wrong}: it lacks {error}") from None
+    except (RuntimeError, TypeError, IndexError, AttributeError) as error:
+        raise ValueError(f"{wrong}: its shapes are others: {' '.join(str(error).split())}") from None
+    return generator.eval(), encoder.eval()
+
+
+def released_values(
+    z: Tensor, elevation_deg: Tensor, azimuth_deg: Tensor, angle: Tensor, tx: Tensor, ty: Tensor, scale: Tensor
+) -> Variables:
+    """What the released code's numbers are in the variables of `kfit.generators.SimilarityWarp` around its generator.
+
+    Its azimuth turns the other way than kfit's, its shift is applied before the turn and the scaling, along −x and y,
+    and its scale shrinks. Its warp leaves what comes from outside the picture white at once, where kfit's blends over
+    half a pixel.
+
+    Args:
+        z: (N, D) code.
+        elevation_deg, azimuth_deg: (N,).
+        angle: (N,) radians.
+        tx, ty: (N,) in half-widths between the centres of the outer pixels, of pictures 64 wide.
+        scale: (N,) above 0.
+    """
+    check_shape("z", z, ("N", "D"))
+    numbers = {"elevation_deg": elevation_deg, "azimuth_deg": azimuth_deg, "angle": angle, "tx": tx, "ty": ty}
+    for name, value in (numbers | {"scale": scale}).items():
+        check_shape(name, value, (z.shape[0],))
+    cos, sin = angle.cos(), angle.sin()
+    # Their grid maps to the source, p ↦ scale · (R p + t) with y down; kfit's maps from it.
+    shift = torch.stack([-(cos * tx + sin * ty), cos * ty - sin * tx], -1) * (63 / 64)
+    return {
+        "code": z,
+        "azimuth": -azimuth_deg.deg2rad(),
+        "elevation": elevation_deg.deg2rad(),
+        "roll": angle,
+        "shift": shift,
+        "scale": 1 / scale,
+    }
+
+
+def _generator(theirs: dict[str, Tensor]) -> dict[str, Tensor]:
+    ours = {"constant": theirs["shape_code"].flip(2)}
+    for index, name in enumerate(LIFTS):
+        ours |= {f"lift.{index}.weight": theirs[f"{name}.weight"].flip(2), f"lift.{index}.bias": theirs[f"{name}.bias"]}
+    # (C · D, out) → (out, C · D), each channel's depths reversed.
+    project = theirs["proj.0.weight"][:, :, 0, 0].unflatten(0, (-1, 16)).flip(1).flatten(0, 1).T
+    ours |= {"project.weight": project[:, :, None, None], "project.bias": theirs["proj.0.bias"]}
+    for index, name in enumerate(DECODES):
+        ours |= {f"decode.{index}.weight": theirs[f"{name}.weight"], f"decode.{index}.bias": theirs[f"{name}.bias"]}
+    ours |= {
+        "draw.weight": 2 * theirs["enc_5.0.weight"].transpose(0, 1).flip(2, 3),
+        "draw.bias": 2 * theirs["enc_5.0.bias"],
+    }
+    for index, count in enumerate(COUNTS):
+        for part in ("weight", "bias"):
+            mean, spread = theirs[f"mlp{index}.fc.{part}"].chunk(2)
+            ours[f"styles.{index}.affine.{part}"] = torch.cat([mean, spread * ((count - 1) / count) ** 0.5])
+    return ours
+
+
+def _encoder(theirs: dict[str, Tensor]) -> dict[str, Tensor]:
+    ours: dict[str, Tensor] = {}
+    names = {f"look.{name.removeprefix('model.')}": name for name in CONVOLUTIONS}
+    names |= {f"say.{name.removeprefix('enc_out.')}": name for name in LINEARS}
+    for own, name in names.items():
+        weight = theirs[f"{name}.weight_orig"]
+        sigma = theirs[f"{name}.weight_u"] @ weight.flatten(1) @ theirs[f"{name}.weight_v"]
+        ours |= {f"{own}.weight": weight / sigma, f"{own}.bias": theirs[f"{name}.bias"]}
+    return ours
