@@ -1,4 +1,4 @@
-"""Measure a model: rotation errors on objects that it has never seen."""
+"""Measure: models on objects that they have never seen, optimizers, and image registration."""
 
 from __future__ import annotations
 
@@ -9,16 +9,22 @@ from pathlib import Path
 
 from jsonargparse import ArgumentParser, Namespace
 
+from kfit.cli import bench_optimizers, bench_registration
+
+BENCHMARKS = {"optimizers": bench_optimizers, "registration": bench_registration}
+
 
 def parser() -> ArgumentParser:
     """Arguments of ``kfit bench``."""
-    return ArgumentParser(description="Measure models.")
+    return ArgumentParser(description="Measure models, optimizers and image registration.")
 
 
 def add_benchmarks(parser: ArgumentParser) -> None:
     """Add the benchmarks to the parser of ``kfit bench``, which must have its place in the tree by then."""
     commands = parser.add_subcommands(metavar="WHAT", help="what to measure")
     commands.add_subcommand("accuracy", _accuracy_parser(), help="rotation errors on unseen procedural objects")
+    for name, benchmark in BENCHMARKS.items():
+        commands.add_subcommand(name, benchmark.parser(), help=str(benchmark.__doc__).partition("\n")[0])
 
 
 def _accuracy_parser() -> ArgumentParser:
@@ -40,7 +46,11 @@ def _accuracy_parser() -> ArgumentParser:
 
 def run(said: Namespace) -> None:
     """Run the benchmark that was asked for."""
-    accuracy(said[said.subcommand])
+    chosen = said[said.subcommand]
+    if said.subcommand in BENCHMARKS:
+        BENCHMARKS[said.subcommand].run(chosen)
+    else:
+        accuracy(chosen)
 
 
 def accuracy(said: Namespace) -> None:

@@ -1,4 +1,4 @@
-"""The command line: ``kfit pose``, ``kfit pack``, ``kfit bench`` and Lightning's own commands."""
+"""The command line: ``kfit pose``, ``kfit pack``, ``kfit export``, ``kfit bench`` and Lightning's own commands."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from collections.abc import Sequence
 from jsonargparse import ArgumentParser, Namespace
 
 from kfit import __version__
-from kfit.cli import bench, pack, pose
+from kfit.cli import bench, export, pack, pose
 
 TRAINING = ("fit", "validate", "test", "predict")
-COMMANDS = {"pose": pose, "pack": pack, "bench": bench}
+COMMANDS = {"pose": pose, "pack": pack, "export": export, "bench": bench}
 
 
 def parser() -> ArgumentParser:
@@ -48,7 +48,7 @@ def main(args: Sequence[str] | None = None) -> None:
         said = parser().parse_args(words)
         chosen: Namespace = said[said.subcommand]
         COMMANDS[said.subcommand].run(chosen)
-    except (ValueError, TypeError, OSError, RuntimeError) as error:
+    except (ValueError, TypeError, OSError, RuntimeError, ImportError) as error:
         if os.environ.get("KFIT_DEBUG"):
             raise
         print(f"kfit: {error}", file=sys.stderr)

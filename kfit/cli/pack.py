@@ -47,7 +47,7 @@ def run(said: Namespace) -> None:
         symmetry=category.symmetry,
         mean_diagonal=category.mean_diagonal,
         training={
-            "command": said.command or f"lightning fit -c recipes/vae3d.yaml --data.category {category.name}",
+            "command": said.command or "not told",
             "data": data | {"shapes_version": VERSION},
             "steps": int(saved["global_step"]),
             "pairs": int(saved["global_step"]) * int(data["batch_size"]),
