@@ -50,8 +50,8 @@ class LBFGS(Optimizer):
         place, gradient = flatten(raw), flatten(seen.gradient)
         moves, bends = self._remembered(place - memory["place"], gradient - memory["gradient"], memory)
         direction = self._direction(gradient, moves, bends)
-        found, there = self._search(evaluate, raw, problem, seen.energy, gradient, direction)
-        forgets = ~there[:, None, None]
+        found, failed = self._search(evaluate, raw, problem, seen.energy, gradient, direction)
+        forgets = failed[:, None, None]
         new = {
             "place": place,
             "gradient": gradient,
@@ -90,10 +90,12 @@ class LBFGS(Optimizer):
     def _search(
         self, evaluate: Evaluate, raw: Variables, problem: Tensor, energy: Tensor, gradient: Tensor, direction: Tensor
     ) -> tuple[Tensor, Tensor]:
-        """Where each row goes, and whether it goes anywhere."""
+        """Where each row goes, and whether it tried in vain."""
         place = flatten(raw)
         slope = (gradient * direction).sum(1)
-        found, there = place, torch.zeros_like(problem, dtype=torch.bool)
+        # A fall that rounding would hide is not worth a picture.
+        worth = ~(-slope <= torch.finfo(energy.dtype).eps * energy.abs())
+        found, there = place, ~worth
         length = torch.ones_like(slope)
         for _ in range(self.max_trials):
             rows = (~there).nonzero()[:, 0]
@@ -108,4 +110,4 @@ class LBFGS(Optimizer):
             parabola = -down * t.square() / (2 * (after - before - down * t))
             shorter = torch.where(parabola.isfinite(), parabola, 0.0)
             length = length.index_copy(0, rows, torch.minimum(torch.maximum(shorter, 0.1 * t), 0.5 * t))
-        return found, there
+        return found, ~there
