@@ -18,8 +18,8 @@ from kfit.geometry import (
 from kfit.geometry.clusters import WITHIN_DEG
 from kfit.models.pose_result import Alternative
 
-# An answer with less than this share of the weight is called ambiguous.
-SURE = 0.8
+# An answer with less than this share of the starts' weight, or of the pose head's probability, is called ambiguous.
+SURE, LIKELY = 0.8, 0.5
 
 
 def alternatives(fit: FitResult, turn: Tensor, symmetry: Symmetry) -> list[Alternative]:
@@ -80,7 +80,7 @@ def warning(found: list[Alternative], seen: float | None, symmetry: Symmetry) ->
             f"ambiguous: the answer has {100 * found[0].weight:.0f} % of the starts' weight, and a pose {away:.0f}° "
             f"away explains the picture nearly as well ({100 * found[1].weight:.0f} %)"
         )
-    if seen is not None and seen < SURE:
+    if seen is not None and seen < LIKELY:
         return f"ambiguous: by its looks alone the picture fits this pose with a probability of only {100 * seen:.0f} %"
     return None
 
