@@ -20,8 +20,8 @@ class FeatureEncoder(Encoder):
     Each layer's features, over their root mean square, go through a 1×1 convolution of their own and are averaged over
     a 4 × 4 grid. Half of the hidden units see these, half the picture's brightness and tint (RGB less its mean over the
     channels) over an 8 × 8 grid: hue differs little from object to object, and where it enters as a whisper, training
-    does not learn it. After the same few hundred steps a generator trained beside this encoder drew outlines of unseen
-    shapes with an eighth less error than beside `ConvEncoder`.
+    does not learn it. Beside an early form of this encoder a generator drew outlines of unseen mugs with an eighth less
+    error than beside `ConvEncoder` after the same 300 steps.
 
     Args:
         code_dim: D.
