@@ -103,7 +103,7 @@ class RadianceField(Generator):
 
     def _volume(self, code: Tensor) -> Tensor:
         """Raw colour and density (N, 4, D, H, W), the density above that of empty space."""
-        volume = self.constant.expand(len(code), *self.constant.shape[1:])
+        volume = self.constant.expand(code.shape[0], *self.constant.shape[1:])
         for style, lift in zip(self.styles, self.lift, strict=True):
             volume = lift(F.leaky_relu(style(volume, style.style(code)), 0.2))  # type: ignore[operator]
         volume = volume.to(torch.promote_types(volume.dtype, torch.float32))
