@@ -16,7 +16,6 @@ from typing import Any, Literal, Protocol
 import torch
 from torch import Tensor, nn
 
-from kfit.core.check import check_names, check_shape
 from kfit.core.state import FitResult, FitState, Observation, Rendering
 from kfit.core.variables import Variable, Variables
 
@@ -44,35 +43,9 @@ class Generator(nn.Module, ABC):
         Raises:
             ValueError: for a name that is no variable of this generator, or a value of another shape.
         """
-        return _Bound(self, fixed)
+        from kfit.core.bound import Bound  # a generator itself, so it needs this file first
 
-
-def check_bound(generator: Generator, fixed: Variables) -> None:
-    """Refuse values to be held that are no variables of the generator, or of another shape than one value.
-
-    Raises:
-        TypeError, ValueError: naming the variable.
-    """
-    check_names("bind", fixed, generator.variables)
-    for name, value in fixed.items():
-        check_shape(f"bind: {name}", value, generator.variables[name].shape)
-
-
-class _Bound(Generator):
-    def __init__(self, generator: Generator, fixed: Variables) -> None:
-        super().__init__()
-        check_bound(generator, fixed)
-        self.generator, self.held = generator, tuple(fixed)
-        self.variables = {k: v for k, v in generator.variables.items() if k not in fixed}
-        for name, value in fixed.items():
-            self.register_buffer(f"held_{name}", value.detach(), persistent=False)
-
-    def forward(self, **values: Tensor) -> Rendering:
-        rows = next(iter(values.values())).shape[0] if values else 1
-        fixed = {name: self.get_buffer(f"held_{name}") for name in self.held}
-        held = {k: v.expand(rows, *v.shape) for k, v in fixed.items()}
-        rendering: Rendering = self.generator(**values, **held)
-        return rendering
+        return Bound(self, fixed)
 
 
 class Encoder(nn.Module, ABC):

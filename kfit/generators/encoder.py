@@ -65,5 +65,5 @@ class ConvEncoder(Encoder):
             features = torch.cat([features, (TINT_GAIN * tint).flatten(1).to(features.dtype)], 1)
         said = self.say(features).tanh() if self.bounded else self.say(features)
         # Half precision, under autocast, is too coarse for the code's mean.
-        mean, log_variance = (said.float() if said.dtype in (torch.float16, torch.bfloat16) else said).chunk(2, 1)
+        mean, log_variance = said.to(torch.promote_types(said.dtype, torch.float32)).chunk(2, 1)
         return mean, log_variance

@@ -59,5 +59,5 @@ class FeatureEncoder(Encoder):
         hidden = torch.cat([self.shape(torch.cat(pooled, 1)), self.color(colors)], 1)
         said = self.say(F.leaky_relu(hidden, 0.2))
         # Half precision, under autocast, is too coarse for the code's mean.
-        mean, log_variance = (said.float() if said.dtype in (torch.float16, torch.bfloat16) else said).chunk(2, 1)
+        mean, log_variance = said.to(torch.promote_types(said.dtype, torch.float32)).chunk(2, 1)
         return mean, log_variance

@@ -10,8 +10,8 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from kfit.core import Angle, Generator, Rendering, Variable
+from kfit.core.bound import bind_code
 from kfit.core.check import check_range
-from kfit.core.contracts import check_bound
 from kfit.generators.adain import AdaIN
 from kfit.geometry.pose import rotation_from_angles
 
@@ -95,11 +95,7 @@ class RadianceField(Generator):
         Raises:
             ValueError: for a name that is no variable of this generator, or a value of another shape.
         """
-        if "code" not in fixed:
-            return super().bind(**fixed)
-        check_bound(self, fixed)
-        bound = _BoundCode(self, fixed.pop("code"))
-        return bound.bind(**fixed) if fixed else bound
+        return bind_code(self, fixed, lambda code: _BoundCode(self, code))
 
     def _volume(self, code: Tensor) -> Tensor:
         """Raw colour and density (N, 4, D, H, W), the density above that of empty space."""

@@ -11,7 +11,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from kfit.core import Angle, Generator, Rendering, Variable
-from kfit.core.contracts import check_bound
+from kfit.core.bound import bind_code
 from kfit.generators.adain import AdaIN
 from kfit.geometry.pose import rotation_from_angles
 
@@ -81,11 +81,7 @@ class VAE3D(Generator):
         Raises:
             ValueError: for a name that is no variable of this generator, or a value of another shape.
         """
-        if "code" not in fixed:
-            return super().bind(**fixed)
-        check_bound(self, fixed)
-        bound = _BoundCode(self, fixed.pop("code"))
-        return bound.bind(**fixed) if fixed else bound
+        return bind_code(self, fixed, lambda code: _BoundCode(self, code))
 
     def _volume(self, code: Tensor) -> tuple[Tensor, list[Tensor]]:
         styles = [layer.style(code) for layer in self.styles]  # type: ignore[operator]
