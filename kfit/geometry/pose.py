@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Literal
 
 import torch
@@ -24,6 +25,12 @@ def rotation_from_angles(azimuth: Tensor, elevation: Tensor, roll: Tensor) -> Te
         (…, 3, 3), differentiable everywhere.
     """
     return _about(2, roll) @ _about(0, elevation) @ _about(1, azimuth)
+
+
+def rotation_of(values: Mapping[str, Tensor]) -> Tensor:
+    """Rotations (N, 3, 3) of a fit's values: ``azimuth``, ``elevation`` and, where there is one, ``roll``."""
+    azimuth = values["azimuth"]
+    return rotation_from_angles(azimuth, values["elevation"], values.get("roll", torch.zeros_like(azimuth)))
 
 
 def angles_from_rotation(rotation: Tensor) -> tuple[Tensor, Tensor, Tensor]:

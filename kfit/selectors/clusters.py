@@ -8,7 +8,7 @@ from torch import Tensor
 from kfit.core import Selector, Variables
 from kfit.core.check import check_range
 from kfit.geometry.clusters import TEMPERATURE, WITHIN_DEG, energy_weights, rotation_clusters
-from kfit.geometry.pose import Symmetry, rotation_from_angles
+from kfit.geometry.pose import Symmetry, rotation_of
 
 
 class Clusters(Selector):
@@ -36,8 +36,7 @@ class Clusters(Selector):
         self.symmetry, self.within_deg, self.temperature = symmetry, within_deg, temperature
 
     def __call__(self, energy: Tensor, values: Variables, problem: Tensor) -> Tensor:
-        roll = values.get("roll", torch.zeros_like(values["azimuth"]))
-        rotation = rotation_from_angles(values["azimuth"], values["elevation"], roll)
+        rotation = rotation_of(values)
         winners = []
         for number in range(int(problem.max()) + 1):
             rows = (problem == number).nonzero()[:, 0]

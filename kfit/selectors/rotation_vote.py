@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from kfit.core import Selector, Variables
-from kfit.geometry.pose import rotation_error, rotation_from_angles
+from kfit.geometry.pose import rotation_error, rotation_of
 
 
 class RotationVote(Selector):
@@ -35,8 +35,7 @@ class RotationVote(Selector):
         self.symmetry, self.top, self.within = symmetry, top, math.radians(within_deg)
 
     def __call__(self, energy: Tensor, values: Variables, problem: Tensor) -> Tensor:
-        roll = values.get("roll", torch.zeros_like(values["azimuth"]))
-        rotation = rotation_from_angles(values["azimuth"], values["elevation"], roll)
+        rotation = rotation_of(values)
         winners = []
         for number in range(int(problem.max()) + 1):
             rows = (problem == number).nonzero()[:, 0]
