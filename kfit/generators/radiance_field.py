@@ -81,13 +81,18 @@ class RadianceField(Generator):
         away, down, right = torch.meshgrid(depths, rays, rays, indexing="ij")
         points = torch.stack([right * (distance + away), -down * (distance + away), -away], -1)
         # The cube is as wide as the picture: its half-side is 1.
-        self.register_buffer("points", points.reshape(-1, 3) * 2 * unit_fraction, persistent=False)
+        self.register_buffer("points", points * 2 * unit_fraction, persistent=False)
         self.register_buffer("depths", depths.view(1, -1, 1, 1), persistent=False)
         # Optical depth of a sample per unit of the softplus: a quarter a pixel.
         self.thickness = unit_fraction * image_size / num_samples / 4
 
-    def forward(self, **values: Tensor) -> Rendering:
-        return self._picture(self._volume(values["code"]), values["azimuth"], values["elevation"])
+    def forward(self, *, pixels: Tensor | None = None, **values: Tensor) -> Rendering:
+        """Draw; where ``pixels`` (2, n) are given, the crossings of these n rows and n columns alone.
+
+        Pixels are drawn each by itself, so training may look at a share of them for a share of the work.
+        """
+        points = self.points if pixels is None else self.points[:, pixels[0]][:, :, pixels[1]]
+        return self._picture(self._volume(values["code"]), values["azimuth"], values["elevation"], points)
 
     def bind(self, **fixed: Tensor) -> Generator:
         """Hold variables; a held code has its volume computed here, once.
@@ -105,14 +110,12 @@ class RadianceField(Generator):
         volume = volume.to(torch.promote_types(volume.dtype, torch.float32))
         return volume - volume.new_tensor([0.0, 0.0, 0.0, EMPTY]).view(1, 4, 1, 1, 1)
 
-    def _picture(self, volume: Tensor, azimuth: Tensor, elevation: Tensor) -> Rendering:
+    def _picture(self, volume: Tensor, azimuth: Tensor, elevation: Tensor, points: Tensor) -> Rendering:
         # Out of autocast: bfloat16 points miss by cells, and the gradient of the angles loses its direction.
         with torch.autocast(volume.device.type, enabled=False):
             rotation = rotation_from_angles(azimuth, elevation, torch.zeros_like(azimuth)).to(volume.dtype)
             # A point p of the camera's frame is the object's Rᵀp. Grids are addressed as (x, y, z) = (W, H, D).
-            grid = (self.points.to(volume.dtype) @ rotation).view(
-                -1, self.num_samples, self.image_size, self.image_size, 3
-            )
+            grid = (points.to(volume.dtype).flatten(0, 2) @ rotation).unflatten(1, points.shape[:3])
             raw = F.grid_sample(volume, grid, mode="bilinear", padding_mode="zeros", align_corners=False)
             thickness = self.thickness * F.softplus(SHARPNESS * (raw[:, 3] + EMPTY))
             before = thickness.cumsum(1) - thickness
@@ -135,4 +138,4 @@ class _BoundCode(Generator):
 
     def forward(self, **values: Tensor) -> Rendering:
         volume = self.volume.expand(len(values["azimuth"]), *self.volume.shape[1:])
-        return self.generator._picture(volume, values["azimuth"], values["elevation"])
+        return self.generator._picture(volume, values["azimuth"], values["elevation"], self.generator.points)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 import shutil
 import warnings
@@ -13,7 +14,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from kfit.core import Encoder, Energy, Generator, Rendering, frozen
-from kfit.core.check import check_names
+from kfit.core.check import check_names, check_range
 from kfit.generators import ExtentsHead, PoseHead
 from kfit.training.jitter import Jitter
 
@@ -44,14 +45,18 @@ class ConditionalVAE(LightningModule):
         rate: largest learning rate of Adam; it rises over the first twentieth of the steps and falls as a cosine.
         jitter: how the encoder's view is disturbed; None shows it as it is.
         pose_head: picture → distribution over poses, trained beside the others on the encoder's views; None has none.
+        pixel_stride: draw and compare every such row and column of the target alone, from a random first one on, which
+            is less work where a generator draws pixels by themselves, as `kfit.generators.RadianceField` does. Losses
+            that look at neighbourhoods see thinned pictures.
         pose_weight: w_pose. The head shares no parameter with the others, so Adam learns it alike at any weight; a
             small one keeps its gradients from deciding how the others' are clipped.
         compile: compile the networks (`torch.compile`): half a minute of waiting for about 1.7 times the speed.
             Without a C++ compiler training goes on uncompiled.
 
     Raises:
-        ValueError: for loss weights of unknown names, losses of names that are taken, and, when training starts, a
-            trainer without an end.
+        ValueError: for loss weights of unknown names, losses of names that are taken, a ``pixel_stride`` below 1, or
+            above 1 with a generator that draws whole pictures only, and, when training starts, a trainer without an
+            end.
     """
 
     def __init__(
@@ -68,8 +73,13 @@ class ConditionalVAE(LightningModule):
         compile: bool = False,
         pose_head: PoseHead | None = None,
         pose_weight: float = 0.01,
+        pixel_stride: int = 1,
     ) -> None:
         super().__init__()
+        check_range("pixel_stride", pixel_stride, 1, 64)
+        if pixel_stride > 1 and "pixels" not in inspect.signature(generator.forward).parameters:
+            kind = type(generator).__name__
+            raise ValueError(f"pixel_stride: {kind} draws whole pictures only, so it must be 1, got {pixel_stride}")
         check_names("loss_weights", loss_weights or {}, losses)
         if taken := sorted(TAKEN & set(losses)):
             raise ValueError(f"losses: {', '.join(taken)} is a name that is taken; name the loss otherwise")
@@ -83,7 +93,7 @@ class ConditionalVAE(LightningModule):
         self.losses = frozen(nn.ModuleDict(losses))
         self.loss_weights = {name: 1.0 for name in losses} | (loss_weights or {})
         self.kl_weight, self.extents_weight, self.rate = kl_weight, extents_weight, rate
-        self.jitter, self.compiles = jitter, compile
+        self.jitter, self.compiles, self.pixel_stride = jitter, compile, pixel_stride
         self.pose_head, self.pose_weight = pose_head, pose_weight
 
     def on_fit_start(self) -> None:
@@ -106,7 +116,8 @@ class ConditionalVAE(LightningModule):
         seen = batch["source"] if self.jitter is None else self.jitter(batch["source"])
         mean, log_variance = self.encoder(seen)
         code = mean + (0.5 * log_variance).exp() * torch.randn_like(mean)
-        drawn = self.generator(code=code, azimuth=batch["azimuth"], elevation=batch["elevation"])
+        batch, thinned = self._thin(batch)
+        drawn = self.generator(code=code, azimuth=batch["azimuth"], elevation=batch["elevation"], **thinned)
         divergence = 0.5 * (mean.square() + log_variance.exp() - 1 - log_variance).sum(1).mean()
         terms = self._compare(drawn, batch)
         if "extents" in batch:
@@ -128,6 +139,17 @@ class ConditionalVAE(LightningModule):
         self.log_dict({f"val/{k}": v for k, v in terms.items()}, batch_size=size, sync_dist=True)
         away = F.l1_loss(drawn.image, batch["target"])
         self.log("val/l1", away, prog_bar=True, batch_size=size, sync_dist=True)
+
+    def _thin(self, batch: dict[str, Tensor]) -> tuple[dict[str, Tensor], dict[str, Tensor]]:
+        """The batch with its targets' pixels thinned out, and what tells the generator to draw just these."""
+        every = self.pixel_stride
+        if every == 1:
+            return batch, {}
+        side = batch["target"].shape[-1]
+        kept = torch.arange(0, side - every + 1, every) + torch.randint(every, (2, 1))
+        kept = kept.to(batch["target"].device)
+        targets = {name: value for name, value in batch.items() if name.startswith("target")}
+        return batch | {k: v[..., kept[0], :][..., kept[1]] for k, v in targets.items()}, {"pixels": kept}
 
     def _compare(self, drawn: Rendering, batch: dict[str, Tensor]) -> dict[str, Tensor]:
         target = Rendering(batch["target"], batch["target_mask"], batch.get("target_depth"))

@@ -30,7 +30,7 @@ def ball_volume(at, radius, unit_fraction, side=64):
 def drawn(field, volume, azimuth_deg=0.0, elevation_deg=0.0):
     angles = (torch.tensor([math.radians(angle)]) for angle in (azimuth_deg, elevation_deg))
     with torch.no_grad():
-        return field._picture(volume, *angles)
+        return field._picture(volume, *angles, field.points)
 
 
 @pytest.mark.parametrize(
@@ -107,3 +107,14 @@ def test_a_camera_inside_the_object_is_refused():
         RadianceField(distance=0.4)
     with pytest.raises(ValueError, match="RadianceField: unit_fraction"):
         RadianceField(unit_fraction=0.0)
+
+
+def test_single_pixels_are_those_of_the_whole_picture():
+    torch.manual_seed(0)
+    field = RadianceField(4, (8, 4), 6, image_size=16)
+    values = {"code": torch.randn(2, 4), "azimuth": torch.tensor([0.3, 2.0]), "elevation": torch.tensor([0.5, -0.2])}
+    with torch.no_grad():
+        whole = field(**values)
+        some = field(**values, pixels=torch.tensor([[1, 4, 15], [0, 7, 8]]))
+    for name in ("image", "mask", "depth"):
+        torch.testing.assert_close(getattr(some, name), getattr(whole, name)[..., [1, 4, 15], :][..., [0, 7, 8]])

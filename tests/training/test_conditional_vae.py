@@ -17,7 +17,7 @@ from torch.utils.data import DataLoader, Dataset
 
 from kfit.core import Energy
 from kfit.energies import L1, Perceptual, Silhouette
-from kfit.generators import VAE3D, ConvEncoder, ExtentsHead, PoseHead
+from kfit.generators import VAE3D, ConvEncoder, ExtentsHead, PoseHead, RadianceField
 from kfit.training import ConditionalVAE, Jitter, PictureGrid
 
 ROOT = Path(__file__).parents[2]
@@ -305,7 +305,7 @@ class TestCheckpoint:
         saved = torch.load(tmp_path / "all.ckpt", weights_only=True)
         assert dict(saved["hyper_parameters"]) == {
             "loss_weights": {"mask": 0.2}, "kl_weight": 0.01, "extents_weight": 0.3, "rate": 0.01, "compile": False,
-            "pose_head": None, "pose_weight": 0.01,
+            "pose_head": None, "pose_weight": 0.01, "pixel_stride": 1,
         }  # fmt: skip
         again = build()
         again.load_state_dict(saved["state_dict"])
@@ -314,7 +314,7 @@ class TestCheckpoint:
     @pytest.mark.parametrize(("jitter", "head"), [(None, None), (Jitter(), small_head())])
     def test_leaves_no_network_among_the_hyperparameters(self, jitter, head):
         module = build(jitter=jitter, pose_head=head)
-        plain = {"loss_weights", "kl_weight", "extents_weight", "rate", "compile", "pose_weight"}
+        plain = {"loss_weights", "kl_weight", "extents_weight", "rate", "compile", "pose_weight", "pixel_stride"}
         plain |= set() if jitter else {"jitter", "pose_head"}
         assert set(module.hparams) == set(module.hparams_initial) == plain
 
@@ -424,3 +424,28 @@ def test_the_command_line_trains_goes_on_and_packs(tmp_path):
     run("main", "pack", second, "--out", tmp_path / "mug.safetensors")
     assert (tmp_path / "mug.safetensors").is_file()
     assert (tmp_path / "mug.json").is_file()
+
+
+def test_a_step_on_thinned_pixels_draws_a_share_of_the_points_and_its_loss_is_on_average_the_whole_step_s(monkeypatch):
+    field = RadianceField(4, (4, 3), 4, image_size=SIDE)
+    model = build(generator=field, pixel_stride=2)
+    plain = build(generator=field, encoder=model.encoder, extents=model.extents)
+    for one in (model, plain):
+        monkeypatch.setattr(one, "log", lambda *args, **kwargs: None)
+        monkeypatch.setattr(one, "log_dict", lambda *args, **kwargs: None)
+    drawn = []
+    picture = field._picture
+    monkeypatch.setattr(field, "_picture", lambda *args: drawn.append(tuple(args[3].shape)) or picture(*args))
+    monkeypatch.setattr(torch, "randn_like", torch.zeros_like)
+    losses = []
+    for at in ([[0], [0]], [[0], [1]], [[1], [0]], [[1], [1]]):
+        monkeypatch.setattr(torch, "randint", lambda *args, at=at: torch.tensor(at))
+        losses.append(model.training_step(batch(), 0))
+    whole = plain.training_step(batch(), 0)
+    assert drawn == [(4, 8, 8, 3)] * 4 + [(4, 16, 16, 3)]
+    torch.testing.assert_close(sum(losses) / 4, whole)
+
+
+def test_a_generator_of_whole_pictures_cannot_be_thinned():
+    with pytest.raises(ValueError, match=r"pixel_stride: VAE3D draws whole pictures only, so it must be 1, got 2"):
+        build(pixel_stride=2)
