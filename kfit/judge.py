@@ -49,9 +49,10 @@ class Judge:
         self.weights: dict[str, float] = {}
         self.num_evaluations = 0
         self.prepared = {
-            name: energy.prepare(observation.handed(energy.on), observation.weight)
-            for name, energy in self.terms.items()
-            if isinstance(energy, Energy)
+            name: term.prepare(observation.handed(term.on), observation.weight)
+            if isinstance(term, Energy)
+            else term.prepare(observation)
+            for name, term in self.terms.items()
         }
         self._rows: tuple[Tensor, Any] | None = None
 
@@ -73,11 +74,9 @@ class Judge:
                 weight = self.weights[name]
                 if not weight and not self.rank_weights.get(name):
                     continue
-                given: tuple[Any, ...]
-                if isinstance(term, Prior):
-                    given = (values[term.on],)
-                else:
-                    given = (rendering.handed(term.on), self._gather(problem)[name])
+                handed = self._values(term, values) if isinstance(term, Prior) else rendering.handed(term.on)
+                prepared = self._gather(problem)[name]
+                given = (handed,) if prepared is None else (handed, prepared)
                 if need == "residuals" and weight:
                     parts = self._residuals(name, given)
                     residuals.append(weight**0.5 * parts)
@@ -99,6 +98,10 @@ class Judge:
             residuals=torch.cat(residuals, 1) if residuals else None,
             rendering=rendering.map(Tensor.detach),
         )
+
+    @staticmethod
+    def _values(prior: Prior, values: Variables) -> Any:
+        return values[prior.on] if isinstance(prior.on, str) else {name: values[name] for name in prior.on}
 
     def _residuals(self, name: str, given: tuple[Any, ...]) -> Tensor:
         term = self.terms[name]

@@ -78,7 +78,8 @@ class FitPipeline(nn.Module):
         check_names("rank_weights", rank_weights or {}, energies)
         for name, energy in energies.items():
             if isinstance(energy, Prior):
-                check_names(f"energies.{name}.on", [energy.on], generator.variables)
+                on = [energy.on] if isinstance(energy.on, str) else energy.on
+                check_names(f"energies.{name}.on", on, generator.variables)
         self.generator = frozen(generator)
         self.energies = frozen(nn.ModuleDict(energies))
         self.initializers = list(initializers)

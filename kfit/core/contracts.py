@@ -2,8 +2,8 @@
 
 A *generator* draws a picture from named variables. An *energy* says how badly the picture explains an observation.
 *Initializers* propose starts, an *optimizer* moves them, a *selector* picks the winner, *callbacks* look on; a
-`kfit.FitPipeline` holds them together. A fit holds N **rows**, each one start of one problem, and nothing here minds
-how many rows a problem has.
+`kfit.FitPipeline` holds them together. A fit holds N **rows**, each one start of one problem; problems may differ in how
+many they have.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol
+from typing import Any, Literal, Protocol, TypeAlias
 
 import torch
 from torch import Tensor, nn
@@ -20,6 +20,7 @@ from kfit.core.state import FitResult, FitState, Observation, Rendering
 from kfit.core.variables import Variable, Variables
 
 Need = Literal["value", "gradient", "residuals"]
+Step: TypeAlias = "tuple[Variables, Evaluation, Any]"
 
 
 class Generator(nn.Module, ABC):
@@ -113,28 +114,32 @@ class ResidualEnergy(Energy):
 
 
 class Prior(nn.Module, ABC):
-    """How unlikely a variable's value is: one number a row.
+    """How unlikely values of variables are, in general or for the picture that was seen: one number a row.
 
     Attributes:
-        on: the variable's name.
+        on: the variable's name; a tuple of names is handed a dict.
     """
 
-    on: str
+    on: str | tuple[str, ...]
+
+    def prepare(self, observation: Observation) -> Any:
+        """What the picture says of them, made once a fit: tensors that lead with rows, or None."""
+        return None
 
     @abstractmethod
-    def forward(self, value: Tensor) -> Tensor:
-        """Energies (N,) of N values (N, \\*shape)."""
+    def forward(self, value: Any, prepared: Any = None) -> Tensor:
+        """Energies (N,) of N values (N, \\*shape); handed what `prepare` made where that is not None."""
 
 
 class ResidualPrior(Prior):
     """A prior that is a sum of squares: E = Σ_m r_m²."""
 
     @abstractmethod
-    def residuals(self, value: Tensor) -> Tensor:
+    def residuals(self, value: Any, prepared: Any = None) -> Tensor:
         """Residuals (N, M) whose squares sum to the energy."""
 
-    def forward(self, value: Tensor) -> Tensor:
-        return self.residuals(value).square().sum(1)
+    def forward(self, value: Any, prepared: Any = None) -> Tensor:
+        return self.residuals(value, prepared).square().sum(1)
 
 
 class Initializer(ABC):
@@ -205,16 +210,13 @@ class Optimizer(ABC):
 
         Args:
             raw: (N, \\*shape) each.
-            seeds: (N,) whole numbers, one a row, that decide the row's random numbers whatever rows are beside it.
+            seeds: (N,) whole numbers that decide each row's random numbers, whatever rows are beside it.
 
-        Raises:
-            ValueError: if its settings name variables that do not exist.
+        Raises ValueError if its settings name unknown variables.
         """
 
     @abstractmethod
-    def step(
-        self, evaluate: Evaluate, raw: Variables, problem: Tensor, memory: Any
-    ) -> tuple[Variables, Evaluation, Any]:
+    def step(self, evaluate: Evaluate, raw: Variables, problem: Tensor, memory: Any) -> Step:
         """One step: the new raw variables, the evaluation *at the old ones*, and the new memory."""
 
 

@@ -1,4 +1,4 @@
-"""Energies: how badly a picture explains an observation, and how unlikely a code is."""
+"""Energies: how badly a picture explains an observation, and how unlikely a code or a pose is."""
 
 from kfit.energies.code_prior import CodePrior
 from kfit.energies.depth import Depth
@@ -10,6 +10,7 @@ from kfit.energies.mutual_information import MutualInformation
 from kfit.energies.ncc import NCC
 from kfit.energies.perceptual import Perceptual
 from kfit.energies.pixel import L1, L2
+from kfit.energies.pose_prior import PosePrior
 from kfit.energies.pyramid import Pyramid, ResidualPyramid
 from kfit.energies.robust import Cauchy, Charbonnier, GemanMcClure, Huber, Welsch
 from kfit.energies.silhouette import Silhouette, SoftIoU
@@ -32,6 +33,7 @@ __all__ = [
     "LocalNCC",
     "MutualInformation",
     "Perceptual",
+    "PosePrior",
     "Pyramid",
     "ResidualPyramid",
     "Silhouette",

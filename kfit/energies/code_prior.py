@@ -23,7 +23,7 @@ class CodePrior(ResidualPrior):
         super().__init__()
         self.on = on
 
-    def residuals(self, value: Tensor) -> Tensor:
+    def residuals(self, value: Tensor, prepared: None = None) -> Tensor:
         flat = value.reshape(value.shape[0], -1)
         residuals: Tensor = flat / flat.shape[1] ** 0.5
         return residuals

@@ -12,7 +12,7 @@ from torch.utils import _pytree as pytree
 from walk import shipped
 
 import kfit.energies
-from kfit.core import Energy, Prior, ResidualEnergy
+from kfit.core import Energy, Observation, Prior, ResidualEnergy
 from kfit.energies import (
     L1,
     L2,
@@ -30,6 +30,7 @@ from kfit.energies import (
     LocalNCC,
     MutualInformation,
     Perceptual,
+    PosePrior,
     Pyramid,
     ResidualPyramid,
     Silhouette,
@@ -37,6 +38,7 @@ from kfit.energies import (
     Welsch,
 )
 from kfit.features import Activations
+from kfit.generators import PoseHead
 
 
 def features():
@@ -85,6 +87,7 @@ BUILD = {
     SoftIoU: [SoftIoU],
     Depth: [Depth],
     CodePrior: [CodePrior],
+    PosePrior: [lambda: PosePrior(head()), lambda: PosePrior(head("y"))],
 }
 CHANNELS = {"image": 3, "mask": 1, "depth": 1}
 # LPIPS needs pictures of 31 pixels; a soft histogram blurs even a picture against itself
@@ -112,6 +115,25 @@ def weights(energy, rows=2, dtype=torch.float64):
     weight = torch.rand(rows, 1, size, size, generator=torch.Generator().manual_seed(5), dtype=dtype)
     weight[:, :, size // 4 : 5 * size // 8, 3 * size // 8 :] = 0
     return weight
+
+
+def head(symmetry="none"):
+    torch.manual_seed(3)
+    return PoseHead(symmetry, channels=(4, 4), hidden_dim=8, image_size=8)
+
+
+def asked(prior, dtype=torch.float32):
+    """Values of a prior's variables for three rows, and what it has read off their pictures."""
+    codes, angles = (torch.linspace(-1, 2, 3 * n, dtype=dtype) for n in (4, 1))
+    value = (
+        codes.view(3, 4) if isinstance(prior.on, str) else {name: angles / (i + 1) for i, name in enumerate(prior.on)}
+    )
+    rng = torch.Generator().manual_seed(0)
+    return value, prior.prepare(Observation(torch.rand(3, 3, 8, 8, generator=rng, dtype=dtype)))
+
+
+def told(prior, value, prepared):
+    return prior(value) if prepared is None else prior(value, prepared)
 
 
 def test_every_shipped_energy_and_prior_is_covered_here_and_exported():
@@ -234,11 +256,19 @@ def test_residuals_square_and_sum_to_the_energy(build):
 @pytest.mark.parametrize("build", built(Prior))
 class TestAPrior:
     def test_gives_one_number_a_row_that_other_rows_do_not_move(self, build):
-        prior, value = build(), torch.linspace(-1, 2, 12).view(3, 4)
-        before = prior(value)
+        prior = build()
+        value, prepared = asked(prior)
+        before = told(prior, value, prepared)
         assert before.shape == (3,)
-        torch.testing.assert_close(prior(value[1:]), before[1:])
+        value, prepared = pytree.tree_map_only(torch.Tensor, lambda tensor: tensor[1:], (value, prepared))
+        torch.testing.assert_close(told(prior, value, prepared), before[1:])
 
     def test_passes_gradcheck(self, build):
-        value = torch.linspace(-1, 2, 12, dtype=torch.float64).view(3, 4).requires_grad_()
-        assert torch.autograd.gradcheck(build(), value)
+        prior = build().double()
+        value, prepared = asked(prior, torch.float64)
+        leaves, tree = pytree.tree_flatten(value)
+
+        def energy(*leaves):
+            return told(prior, pytree.tree_unflatten(list(leaves), tree), prepared)
+
+        assert torch.autograd.gradcheck(energy, [leaf.requires_grad_() for leaf in leaves])
