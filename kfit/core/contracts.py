@@ -2,8 +2,8 @@
 
 A *generator* draws a picture from named variables. An *energy* says how badly the picture explains an observation.
 *Initializers* propose starts, an *optimizer* moves them, a *selector* picks the winner, *callbacks* look on; a
-`kfit.FitPipeline` holds them together. A fit holds N **rows**, each one start of one problem; problems may differ in how
-many they have.
+`kfit.FitPipeline` holds them together. A fit holds N **rows**, each one start of one problem; problems may differ in
+how many they have.
 """
 
 from __future__ import annotations

@@ -46,8 +46,7 @@ class Observation(_Fields):
     Attributes:
         image: (B, C, H, W), RGB in [0, 1] on white background.
         mask: (B, 1, H, W) in [0, 1], 1 on the object.
-        depth: (B, 1, H, W) in metres.
-        depth_valid: (B, 1, H, W), 1 where ``depth`` is known.
+        depth: (B, 1, H, W) in metres, NaN where it is unknown.
         weight: (B, 1, H, W), 0 where a pixel does not count (occluded or unknown).
         intrinsics: (B, 3, 3) of the picture given.
         keys: one number a problem; with the seed it decides the problem's random numbers. The same key gives the
@@ -60,7 +59,6 @@ class Observation(_Fields):
     image: Tensor
     mask: Tensor | None = None
     depth: Tensor | None = None
-    depth_valid: Tensor | None = None
     weight: Tensor | None = None
     intrinsics: Tensor | None = None
     keys: tuple[int, ...] = ()
@@ -69,7 +67,7 @@ class Observation(_Fields):
         check_shape("image", self.image, ("B", "C", "H", "W"))
         check_float("image", self.image)
         rows, _, height, width = self.image.shape
-        for name in ("mask", "depth", "depth_valid", "weight"):
+        for name in ("mask", "depth", "weight"):
             if getattr(self, name) is not None:
                 check_shape(name, getattr(self, name), (rows, 1, height, width))
                 if name in ("mask", "depth"):

@@ -4,6 +4,7 @@ from kfit.generators.encoder import ConvEncoder
 from kfit.generators.extents import ExtentsHead
 from kfit.generators.feature_encoder import FeatureEncoder
 from kfit.generators.mesh import MeshRenderer
+from kfit.generators.metric_depth import MetricDepth
 from kfit.generators.onnx_generator import OnnxGenerator
 from kfit.generators.pose_head import PoseHead
 from kfit.generators.radiance_field import RadianceField
@@ -19,6 +20,7 @@ __all__ = [
     "ExtentsHead",
     "FeatureEncoder",
     "MeshRenderer",
+    "MetricDepth",
     "OnnxGenerator",
     "PoseHead",
     "RadianceField",

@@ -3,6 +3,8 @@
 from kfit.geometry.boxes import EDGES, box_corners, project
 from kfit.geometry.camera import (
     UNIT_FRACTION,
+    depth_along,
+    diagonal_at,
     intrinsics_from_exif,
     intrinsics_from_fov,
     pose_from_crop,
@@ -30,6 +32,8 @@ __all__ = [
     "Symmetry",
     "angles_from_rotation",
     "box_corners",
+    "depth_along",
+    "diagonal_at",
     "energy_weights",
     "from_opencv",
     "intrinsics_from_exif",

@@ -134,6 +134,36 @@ def pose_from_crop(
     return rotation, distance[..., None] * ray
 
 
+def diagonal_at(
+    distance: Tensor,
+    shift: Tensor,
+    scale: Tensor,
+    crop: Crop,
+    intrinsics: Tensor,
+    unit_fraction: float = UNIT_FRACTION,
+) -> Tensor:
+    """Box diagonal (N,) in metres of an object seen at a known distance (N,) along its ray: what `pose_from_crop` must
+    be given to put it there. Arguments as there.
+    """
+    one = torch.ones_like(distance)
+    zero = torch.zeros_like(distance)
+    _, unit = pose_from_crop(zero, zero, zero, shift, scale, crop, intrinsics, one, unit_fraction)
+    diagonal: Tensor = distance / unit.norm(dim=-1)
+    return diagonal
+
+
+def depth_along(depth: Tensor, pixel: Tensor, intrinsics: Tensor) -> Tensor:
+    """Depth (H, W) along the photo's axis as depth along the ray through a pixel (2,), both in metres.
+
+    d = z · r · K⁻¹ (u, v, 1) with r the ray's unit direction.
+    """
+    height, width = depth.shape
+    v, u = torch.meshgrid(torch.arange(height), torch.arange(width), indexing="ij")
+    points = torch.linalg.solve(intrinsics, torch.stack([u, v, torch.ones_like(u)]).flatten(1).to(intrinsics))
+    along: Tensor = depth * (viewing_ray(pixel.to(intrinsics), intrinsics) @ points).view(height, width).to(depth)
+    return along
+
+
 def _intrinsics(focal: float, width: int, height: int) -> Tensor:
     return torch.tensor([[focal, 0.0, (width - 1) / 2], [0.0, focal, (height - 1) / 2], [0.0, 0.0, 1.0]])
 

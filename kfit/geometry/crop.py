@@ -17,6 +17,7 @@ from kfit.core.check import check_float, check_shape
 # Leaves the object 77 % of the square, so that its edges and some background weigh in; the released code adds 30 pixels
 # to the box, which for its boxes of some 100 pixels is the same. Shift and scale take up what differs.
 MARGIN = 1.3
+LEAST_KNOWN = 0.25  # of a pixel, for its depth to count
 
 
 @dataclass(frozen=True)
@@ -64,19 +65,21 @@ class Crop:
         inverse: Tensor = torch.linalg.inv(self.crop_to_image)
         return inverse
 
-    def cut(self, image: Any, mask: Any) -> Observation:
+    def cut(self, image: Any, mask: Any, depth: Any = None) -> Observation:
         """What a fit is to explain: the object on white ground.
 
         Each pixel of the picture is the mean of the part of the photo that it spans, so a large crop is not aliased.
         Colour c is averaged premultiplied by the mask m, so no background bleeds in: ⟨m c⟩ + 1 − ⟨m⟩. Beyond the
-        photo's border the ground is white and the mask 0.
+        photo's border the ground is white and the mask 0. Depth is the mean over what is known of the object, NaN where
+        that is less than a quarter of the pixel.
 
         Args:
             image: (H, W, 3) array or tensor in [0, 1].
             mask: (H, W), 1 on the object; fractions blend.
+            depth: (H, W) in metres, unknown where it is not finite or not above 0.
 
         Returns:
-            One problem with image (1, 3, size, size) and mask (1, 1, size, size), float32.
+            One problem with image (1, 3, size, size) and mask (1, 1, size, size), and depth where given, float32.
 
         Raises:
             TypeError, ValueError: if the image is not of floating point, shapes do not fit, or the mask is empty.
@@ -90,7 +93,14 @@ class Crop:
         left, top, right, bottom = _bounds(mask > 0)
         alpha = mask[None, None, top:bottom, left:right].float()
         colour = image[None, top:bottom, left:right].float().movedim(-1, 1)
-        pixels = torch.cat((colour * alpha, alpha), 1)
+        parts = [colour * alpha, alpha]
+        if depth is not None:
+            depth = torch.as_tensor(depth)
+            check_shape("depth", depth, tuple(mask.shape))
+            away = depth[None, None, top:bottom, left:right].float()
+            known = away.isfinite() & (away > 0)
+            parts += [away.where(known, 0) * alpha, known * alpha]
+        pixels = torch.cat(parts, 1)
         # Where a pixel of the picture spans many of the photo's, blocks an eighth of its size are averaged first.
         block = max(1, int(self.side / self.size / 8))
         pixels = avg_pool2d(pad(pixels, (0, -(right - left) % block, 0, -(bottom - top) % block)), block)
@@ -100,8 +110,12 @@ class Crop:
         to_fine = fine.image_to_crop[None, :2].float().to(image.device)
         samples = warp_affine(pixels, to_fine, (fine.size, fine.size), align_corners=True)
         picture = avg_pool2d(samples, finer)
-        alpha = picture[:, 3:].clamp(0, 1)
-        return Observation((picture[:, :3] + 1 - alpha).clamp(0, 1), alpha)
+        alpha = picture[:, 3:4].clamp(0, 1)
+        seen = (picture[:, :3] + 1 - alpha).clamp(0, 1)
+        if depth is None:
+            return Observation(seen, alpha)
+        away, known = picture[:, 4:5], picture[:, 5:6]
+        return Observation(seen, alpha, torch.where(known > LEAST_KNOWN, away / known, math.nan))
 
 
 def _bounds(mask: Tensor) -> tuple[int, int, int, int]:

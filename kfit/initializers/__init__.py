@@ -2,9 +2,10 @@
 
 from kfit.initializers.constant import Constant
 from kfit.initializers.encoder_posterior import EncoderPosterior
+from kfit.initializers.from_depth import FromDepth
 from kfit.initializers.pose_posterior import PosePosterior
 from kfit.initializers.previous import Previous
 from kfit.initializers.sphere_grid import SphereGrid
 from kfit.initializers.uniform import Uniform
 
-__all__ = ["Constant", "EncoderPosterior", "PosePosterior", "Previous", "SphereGrid", "Uniform"]
+__all__ = ["Constant", "EncoderPosterior", "FromDepth", "PosePosterior", "Previous", "SphereGrid", "Uniform"]

@@ -19,18 +19,19 @@ class Adam(Optimizer):
     numbers, but its state cannot lose rows.
 
     Args:
-        rates: one rate for all, or one for each variable, in raw units a step (half-turns for angles).
+        rates: one rate for all, or one for each variable, in raw units a step (half-turns for angles); 0 holds it.
         betas: decay of the two averages; the released code fits with (0.5, 0.999).
 
     Raises:
-        ValueError: for rates that are not above zero, betas outside [0, 1), or, when a fit starts, names that differ
-            from the generator's variables.
+        ValueError: for one rate that is not above zero, rates of variables below zero, betas outside [0, 1), or, when
+            a fit starts, names that differ from the generator's variables.
     """
 
     def __init__(self, rates: float | dict[str, float] = 0.01, betas: tuple[float, float] = (0.5, 0.999)) -> None:
+        by_name = isinstance(rates, dict)
         for name, rate in rates.items() if isinstance(rates, dict) else [("rates", rates)]:
-            if not rate > 0:
-                raise ValueError(f"Adam: rates must be above 0, got {rate!r} for {name}")
+            if not (rate > 0 or (by_name and rate == 0)):
+                raise ValueError(f"Adam: rates must be above 0, or 0 for a variable to hold, got {rate!r} for {name}")
         check_betas(betas)
         self.rates, self.betas = rates, betas
 

@@ -23,7 +23,7 @@ from kfit.core import (
     Variable,
 )
 from kfit.geometry import rotation_error, rotation_from_angles
-from kfit.initializers import Constant, EncoderPosterior, PosePosterior, Previous, SphereGrid, Uniform
+from kfit.initializers import Constant, EncoderPosterior, FromDepth, PosePosterior, Previous, SphereGrid, Uniform
 
 VARIABLES = {
     "code": Variable((3,)),
@@ -32,6 +32,8 @@ VARIABLES = {
     "roll": Variable((), Angle()),
     "shift": Variable((2,), Bounded(-1.0, 1.0)),
     "scale": Variable((), Positive()),
+    "distance": Variable((), Positive()),
+    "focal": Variable((), Positive()),
 }
 
 
@@ -84,6 +86,7 @@ def answer(values):
 BUILD = {
     Constant: [lambda: Constant({"scale": 1.5, "shift": [0.1, -0.2]}), lambda: Constant({"shift": 0.25})],
     EncoderPosterior: [lambda: EncoderPosterior(TinyEncoder()), lambda: EncoderPosterior(TinyEncoder(), spread=0.0)],
+    FromDepth: [lambda: FromDepth(1.1)],
     PosePosterior: [
         lambda: PosePosterior(TinyPoseNetwork(6)),
         lambda: PosePosterior(TinyPoseNetwork(1)),
@@ -103,8 +106,10 @@ built = [
 
 
 def observation(keys=(11, 12, 13)):
-    pictures = torch.rand(3, 3, 8, 8, generator=torch.Generator().manual_seed(0))
-    return Observation(pictures[[key - 11 for key in keys]], keys=keys)
+    rng, rows = torch.Generator().manual_seed(0), [key - 11 for key in keys]
+    pictures, depth = torch.rand(3, 3, 8, 8, generator=rng), 1 + torch.rand(3, 1, 8, 8, generator=rng)
+    cameras = torch.diag_embed(torch.tensor([[20.0, 20.0, 1.0], [30.0, 30.0, 1.0], [40.0, 40.0, 1.0]]))
+    return Observation(pictures[rows], depth=depth[rows], intrinsics=cameras[rows], keys=keys)
 
 
 def starts(initializer, seen, num_starts=6, seed=0):

@@ -203,10 +203,17 @@ class TestAdam:
         torch.testing.assert_close((raw["x"] - starts()["x"]).abs(), torch.full((5, 2), 0.05, dtype=torch.float64))
         torch.testing.assert_close((raw["y"] - starts()["y"]).abs(), torch.full((5,), 0.02, dtype=torch.float64))
 
-    @pytest.mark.parametrize("rates", [0.0, -1.0, float("nan"), {"x": 0.1, "y": 0.0}])
-    def test_refuses_rates_that_are_not_above_zero(self, rates):
-        with pytest.raises(ValueError, match=r"Adam: rates must be above 0, got .* for (rates|y)"):
+    @pytest.mark.parametrize("rates", [0.0, -1.0, float("nan"), {"x": 0.1, "y": -0.1}])
+    def test_refuses_rates_that_move_nothing_or_uphill(self, rates):
+        with pytest.raises(
+            ValueError, match=r"Adam: rates must be above 0, or 0 for a variable to hold, got .* for (rates|y)"
+        ):
             Adam(rates)
+
+    def test_holds_a_variable_of_rate_zero(self):
+        raw, _ = walk(Adam({"x": 0.05, "y": 0.0}), quadratic, starts(), 3)
+        torch.testing.assert_close(raw["y"], starts()["y"], rtol=0, atol=0)
+        assert not torch.equal(raw["x"], starts()["x"])
 
     @pytest.mark.parametrize("betas", [(1.0, 0.9), (0.9, -0.1)])
     def test_refuses_betas_outside_their_range(self, betas):

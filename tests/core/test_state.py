@@ -12,7 +12,6 @@ GOOD = {
     "image": torch.rand(2, 3, 4, 5),
     "mask": torch.rand(2, 1, 4, 5),
     "depth": torch.rand(2, 1, 4, 5),
-    "depth_valid": torch.ones(2, 1, 4, 5, dtype=torch.bool),
     "weight": torch.ones(2, 1, 4, 5),
     "intrinsics": torch.eye(3).expand(2, 3, 3),
 }

@@ -8,6 +8,8 @@ from kfit.geometry import (
     Crop,
     angles_from_rotation,
     box_corners,
+    depth_along,
+    diagonal_at,
     from_opencv,
     intrinsics_from_exif,
     intrinsics_from_fov,
@@ -163,3 +165,24 @@ def test_the_focal_planes_resolution_serves_where_film_does_not() -> None:
 )
 def test_tags_that_do_not_tell_give_nothing(tags: dict[int, object]) -> None:
     assert intrinsics_from_exif(tags, 100, 80) is None
+
+
+def test_the_diagonal_at_a_distance_is_what_puts_the_object_there():
+    crop, zero = Crop((400.0, 500.0), 300.0), torch.zeros(2, dtype=torch.float64)
+    shift, scale = torch.tensor([[0.1, -0.2], [0.0, 0.3]], dtype=torch.float64), torch.tensor([0.8, 1.3]).double()
+    distance = torch.tensor([0.7, 1.9], dtype=torch.float64)
+    diagonal = diagonal_at(distance, shift, scale, crop, INTRINSICS)
+    _, found = pose_from_crop(zero, zero, zero, shift, scale, crop, INTRINSICS, diagonal)
+    torch.testing.assert_close(found.norm(dim=-1), distance)
+
+
+def test_depth_along_a_ray_is_that_of_the_points_turned_to_it():
+    pixel = torch.tensor([3.0, 1.0], dtype=torch.float64)
+    camera = torch.tensor([[8.0, 0, 2], [0, 9.0, 2], [0, 0, 1]], dtype=torch.float64)
+    depth = torch.linspace(1, 2, 24, dtype=torch.float64).view(4, 6)
+    found = depth_along(depth, pixel, camera)
+    turn = viewing_ray_rotation(pixel, camera)
+    for v in range(4):
+        for u in range(6):
+            point = depth[v, u] * torch.tensor([(u - 2) / 8, (v - 2) / 9, 1.0], dtype=torch.float64)
+            torch.testing.assert_close(found[v, u], (turn.mT @ point)[2])

@@ -1,5 +1,6 @@
 import math
 
+import numpy as np
 import pytest
 import torch
 
@@ -134,3 +135,25 @@ def test_an_image_of_bytes_is_refused() -> None:
 
 def test_a_side_need_not_be_whole() -> None:
     assert math.isclose(Crop.around(box_mask(10, 10, 21, 21)).side, 14.3)
+
+
+def test_depth_is_the_mean_of_what_is_known_of_the_object_and_unknown_where_that_is_little():
+    mask = np.zeros((40, 40), np.float32)
+    mask[10:30, 10:30] = 1
+    depth = np.full((40, 40), 9.0, np.float32)  # the ground behind, which must not bleed in
+    depth[10:30, 10:30] = 2.0
+    depth[14:22, 14:22] = 0  # unknown, as sensors write it
+    depth[24, 24] = np.nan
+    found = Crop((19.5, 19.5), 40.0, 20).cut(np.full((40, 40, 3), 0.5, np.float32), mask, depth).depth[0, 0]
+    assert found.shape == (20, 20)
+    known = found.isfinite()
+    torch.testing.assert_close(found[known], torch.full((int(known.sum()),), 2.0))
+    assert known[12, 12]
+    assert not known[8:10, 8:10].any()
+    assert not known[:4].any()
+    assert int(known.sum()) == 100 - 16
+
+
+def test_depth_of_another_shape_is_an_error():
+    with pytest.raises(ValueError, match="depth must have shape"):
+        Crop((1.5, 1.5), 4.0).cut(np.ones((4, 4, 3), np.float32), np.ones((4, 4)), np.ones((3, 4)))
