@@ -1,4 +1,4 @@
-"""The command line: ``kfit pose``, ``kfit pack``, ``kfit export``, ``kfit bench`` and Lightning's own commands."""
+"""The command line: ``kfit pose``, ``evaluate``, ``pack``, ``export``, ``bench`` and Lightning's own commands."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from collections.abc import Sequence
 from jsonargparse import ArgumentParser, Namespace
 
 from kfit import __version__
-from kfit.cli import bench, export, pack, pose
+from kfit.cli import bench, evaluate, export, pack, pose
 
 TRAINING = ("fit", "validate", "test", "predict")
-COMMANDS = {"pose": pose, "pack": pack, "export": export, "bench": bench}
+COMMANDS = {"pose": pose, "evaluate": evaluate, "pack": pack, "export": export, "bench": bench}
 
 
 def parser() -> ArgumentParser:

@@ -2,6 +2,11 @@
 
 from kfit.data.datamodule import ViewPairs, ViewsDataModule
 from kfit.data.mesh import Mesh, join
+from kfit.data.nocs_alignment import align
+from kfit.data.nocs_frame import NOCSFrame, NOCSObject, read_frame
+from kfit.data.nocs_frames import NOCSFrames
+from kfit.data.nocs_pickle import dump_pickle, load_pickle
+from kfit.data.nocs_results import NOCSPrediction, make_result, read_results, result_files, write_result
 from kfit.data.rasterizer import Light, View, pose_view, render
 from kfit.data.shapes import CATEGORIES, build
 from kfit.data.views import Views, build_views
@@ -10,13 +15,25 @@ __all__ = [
     "CATEGORIES",
     "Light",
     "Mesh",
+    "NOCSFrame",
+    "NOCSFrames",
+    "NOCSObject",
+    "NOCSPrediction",
     "View",
     "ViewPairs",
     "Views",
     "ViewsDataModule",
+    "align",
     "build",
     "build_views",
+    "dump_pickle",
     "join",
+    "load_pickle",
+    "make_result",
     "pose_view",
+    "read_frame",
+    "read_results",
     "render",
+    "result_files",
+    "write_result",
 ]

@@ -205,6 +205,8 @@ class Views:
             raise ValueError(f"num_views must divide the {len(images)} rows of {path}, but is {views}.")
         self.num_views = int(views)
         self.num_objects = len(images) // self.num_views
+        if images.shape[3] == 4:
+            images[images[..., 3] == 0, :3] = 255  # white, whatever a released file has left there
         self.images: np.ndarray = images[..., :3]
         self.masks: np.ndarray = (
             images[..., 3] if images.shape[3] == 4 else np.where((images < 250).any(-1), 255, 0).astype(np.uint8)

@@ -26,6 +26,22 @@ def translation_error_cm(prediction: Tensor, target: Tensor) -> Tensor:
     return 100 * distance
 
 
+def scale_agnostic_translation_error(
+    prediction: Tensor, target: Tensor, predicted_diagonal: Tensor, diagonal: Tensor
+) -> Tensor:
+    """Error of a translation once both objects have the same size, in diagonals: ‖t̂ / d̂ − t / d‖.
+
+    A method that sees colour alone cannot tell a small near object from a large far one; what it can tell is the
+    translation over the size (DMSR, ICRA 2024; LaPose, ECCV 2024).
+
+    Args:
+        prediction, target: (…, 3).
+        predicted_diagonal, diagonal: (…) of the objects' boxes in the same unit.
+    """
+    error: Tensor = (prediction / predicted_diagonal[..., None] - target / diagonal[..., None]).norm(dim=-1)
+    return error
+
+
 def summary(errors_deg: Tensor) -> dict[str, float]:
     """Median of N rotation errors, and the shares of them under 5°, 10°, 30° and 60°.
 

@@ -111,6 +111,17 @@ def test_files_of_the_released_code_are_read(tmp_path):
     np.testing.assert_allclose(views.azimuths, np.pi, rtol=1e-6)
 
 
+def test_what_is_transparent_in_a_released_file_is_white(tmp_path):
+    images = np.full((2, 4, 4, 4), 7, np.uint8)
+    images[:, 1:3, 1:3, 3], images[:, 0, 0, 3] = 255, 0
+    with h5py.File(tmp_path / "released.h5", "w") as file:
+        file["images"] = images
+        file["poses"] = np.zeros((2, 2))
+    views = Views(tmp_path / "released.h5", num_views=2)
+    assert (views.images[:, 0, 0] == 255).all()
+    assert (views.images[:, 1:3, 1:3] == 7).all()
+
+
 def test_foreign_cut_and_ill_divided_files_are_refused(tmp_path):
     with pytest.raises(FileNotFoundError, match="does not exist"):
         Views(tmp_path / "none.h5")

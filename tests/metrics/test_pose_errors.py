@@ -2,7 +2,7 @@ import pytest
 import torch
 
 from kfit.geometry import rotation_from_angles
-from kfit.metrics import rotation_error_deg, summary, translation_error_cm
+from kfit.metrics import rotation_error_deg, scale_agnostic_translation_error, summary, translation_error_cm
 
 
 def turned(azimuth: float, elevation: float = 0.0) -> torch.Tensor:
@@ -43,3 +43,11 @@ def test_a_failed_fit_counts_as_half_a_turn() -> None:
 def test_no_errors_at_all_are_refused() -> None:
     with pytest.raises(ValueError, match="at least one error, got none"):
         summary(torch.zeros(0))
+
+
+def test_a_translation_free_of_scale_forgives_what_colour_cannot_tell() -> None:
+    near, far = torch.tensor([0.0, 0.1, 1.0]), torch.tensor([0.0, 0.2, 2.0])
+    half = torch.tensor(0.2), torch.tensor(0.1)
+    assert float(scale_agnostic_translation_error(far, near, *half)) == pytest.approx(0, abs=1e-6)
+    shifted = far + torch.tensor([0.02, 0.0, 0.0])
+    assert float(scale_agnostic_translation_error(shifted, near, *half)) == pytest.approx(0.1, rel=1e-5)

@@ -1,0 +1,136 @@
+"""NOCS's result files: what was found in an image beside what is there, for kfit's evaluation and for others'."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kfit.data.nocs_frame import NOCSFrame
+from kfit.data.nocs_pickle import dump_pickle, load_pickle
+from kfit.geometry import CATEGORIES
+
+
+@dataclass(frozen=True)
+class NOCSPrediction:
+    """An object found in an image.
+
+    Attributes:
+        category: as `kfit.geometry.CATEGORIES` spells it.
+        rotation: (3, 3) object to camera, OpenCV axes.
+        translation: (3,) in metres.
+        size: (3,) extents in metres.
+        score: how sure it is; larger is surer.
+        box: (4,) in the image: top, left, bottom, right, the latter two just outside.
+        mask: (H, W), where there is one.
+    """
+
+    category: str
+    rotation: NDArray[np.floating]
+    translation: NDArray[np.floating]
+    size: NDArray[np.floating]
+    score: float
+    box: tuple[int, int, int, int]
+    mask: NDArray[np.bool_] | None = None
+
+
+def make_result(frame: NOCSFrame, predictions: Sequence[NOCSPrediction]) -> dict[str, Any]:
+    """A frame's objects and predictions under the names of NOCS's detect_eval.py.
+
+    ``image_path``; ``gt_class_ids`` (T,), ``gt_bboxes`` (T, 4), ``gt_RTs`` (T, 4, 4), ``gt_scales`` (T, 3),
+    ``gt_handle_visibility`` (T,); ``pred_class_ids`` (P,), ``pred_bboxes``, ``pred_RTs``, ``pred_scales``,
+    ``pred_scores`` (P,), and ``pred_masks`` (H, W, P) where every prediction has a mask. Poses are [s R | t] with s the
+    box's diagonal in metres, scales the extents over it.
+
+    Raises:
+        ValueError: if an object of the frame has no pose or size.
+    """
+    for thing in frame.objects:
+        if thing.pose is None or thing.size is None:
+            what = "pose" if thing.pose is None else "size, which gts or obj_models would tell"
+            raise ValueError(f"object {thing.instance} of {frame.path}, a {thing.category}, has no {what}")
+    result: dict[str, Any] = {
+        "image_path": str(frame.path),
+        "gt_class_ids": _ids([thing.category for thing in frame.objects]),
+        "gt_bboxes": _stack([thing.box for thing in frame.objects], (4,), np.int32),
+        "gt_RTs": _stack([thing.pose for thing in frame.objects], (4, 4), np.float64),
+        "gt_scales": _stack([thing.size for thing in frame.objects], (3,), np.float32),
+        "gt_handle_visibility": np.array([int(thing.handle_visible) for thing in frame.objects], np.int64),
+        "pred_class_ids": _ids([found.category for found in predictions]),
+        "pred_bboxes": _stack([found.box for found in predictions], (4,), np.int32),
+        "pred_RTs": _stack([_similarity(found) for found in predictions], (4, 4), np.float64),
+        "pred_scales": _stack([found.size / np.linalg.norm(found.size) for found in predictions], (3,), np.float32),
+        "pred_scores": np.array([found.score for found in predictions], np.float32),
+    }
+    masks = [found.mask for found in predictions if found.mask is not None]
+    if masks and len(masks) == len(predictions):
+        result["pred_masks"] = np.stack(masks, -1).astype(np.uint8)
+    return result
+
+
+def write_result(folder: str | Path, result: dict[str, Any]) -> Path:
+    """Write ``results_<split>_<scene>_<number>.pkl``, named by the image, the whole file or none.
+
+    Raises:
+        ValueError: if the result does not say its image.
+    """
+    if not isinstance(result.get("image_path"), str):
+        raise ValueError("result must say its image_path, which names the file")
+    path = Path(folder) / f"results_{'_'.join(Path(result['image_path']).parts[-3:])}.pkl"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    dump_pickle(path, result)
+    return path
+
+
+def result_files(place: str | Path) -> list[Path]:
+    """The result file itself, or the ``results_*.pkl`` of a folder, sorted.
+
+    Raises:
+        FileNotFoundError: if there is no such place, or the folder holds none.
+    """
+    place = Path(place)
+    if place.is_file():
+        return [place]
+    if not place.is_dir():
+        raise FileNotFoundError(f"there is no file or folder {place}")
+    files = sorted(place.glob("results_*.pkl"))
+    if not files:
+        raise FileNotFoundError(f"{place} holds no results_*.pkl")
+    return files
+
+
+def read_results(files: Iterable[str | Path]) -> Iterator[dict[str, Any]]:
+    """Results of the images in files one by one, each with its ``image_path``; a file may hold a list of them.
+
+    Raises:
+        FileNotFoundError: if there is no such file.
+        ValueError: if one is damaged, holds more than arrays and plain values, or no results.
+    """
+    for path in files:
+        loaded = load_pickle(path)
+        for result in loaded if isinstance(loaded, list) else [loaded]:
+            if not isinstance(result, dict) or "gt_class_ids" not in result:
+                raise ValueError(f"{path} holds no results of NOCS: a dict with gt_class_ids was expected")
+            if "pred_class_ids" not in result:
+                raise ValueError(f"{path} holds true poses but no predictions (pred_class_ids and so on)")
+            result["image_path"] = str(result.get("image_path") or path)
+            yield result
+
+
+def _ids(names: list[str]) -> NDArray[np.int64]:
+    return np.array([CATEGORIES[name].nocs_id for name in names], np.int64)
+
+
+def _similarity(found: NOCSPrediction) -> NDArray[np.float64]:
+    pose = np.eye(4)
+    pose[:3, :3] = np.linalg.norm(found.size) * found.rotation
+    pose[:3, 3] = found.translation
+    return pose
+
+
+def _stack(rows: list[Any], shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
+    return np.stack(rows).astype(dtype) if rows else np.zeros((0, *shape), dtype)
