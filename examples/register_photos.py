@@ -13,6 +13,7 @@ from kfit.callbacks import Pruning
 from kfit.core import Observation
 from kfit.energies import L2
 from kfit.generators import Template
+from kfit.generators.template import Motion
 from kfit.initializers import Constant, Previous, Uniform
 from kfit.optimizers import LevenbergMarquardt
 
@@ -20,7 +21,7 @@ from kfit.optimizers import LevenbergMarquardt
 photo = torch.from_numpy(data.coffee()).permute(2, 0, 1)[None, :, :, 100:500].float() / 255
 photo = F.interpolate(photo, (192, 192), mode="area")[0]
 truth = torch.tensor([[[0.10, -0.06], [-0.02, -0.12], [-0.08, 0.05], [0.06, 0.14]]])
-maker = Template(photo, fill=0.4, light=True)
+maker = Template(photo, fill=0.4, light=True, oversampling=4)
 values = {"corners": truth, "gain": torch.tensor([0.8]), "bias": torch.tensor([0.1])}
 second = maker(**values).image[0] + 0.02 * torch.randn(photo.shape, generator=torch.Generator().manual_seed(0))
 
@@ -33,7 +34,9 @@ starts = [
 for shrink in (8, 4, 2, 1):
     first, seen = (F.avg_pool2d(picture[None], shrink)[0] for picture in (photo, second))
     # Outside the first photo stands the second itself: what the first cannot explain does not count.
-    generator = Template(first, "similarity" if shrink == 8 else "homography", fill=seen, light=True)
+    # A bilinear warp of so few pixels would blur, and draw the fit aside: it reads from a grid four times as fine.
+    motion: Motion = "similarity" if shrink == 8 else "homography"
+    generator = Template(first, motion, fill=seen, light=True, oversampling=4)
     pipeline = FitPipeline(
         generator,
         {"l2": L2()},

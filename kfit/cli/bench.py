@@ -38,6 +38,7 @@ def _accuracy_parser() -> ArgumentParser:
     parser.add_argument("--views", type=int, default=100, help="number of objects, one view each")
     parser.add_argument("--starts", type=int, default=32, help="starts a view")
     parser.add_argument("--steps", type=int, default=50, help="steps of the optimizer")
+    parser.add_argument("--depth", action="store_true", help="fit depth too, as `kfit pose --depth` does")
     parser.add_argument("--prune", type=bool, default=True, help="drop unlikely starts on the way, as `kfit pose` does")
     parser.add_argument("--seed", type=int, default=0, help="chooses the objects and poses")
     parser.add_argument("--card", action="store_true", help="write the figures into the card of --model")
@@ -68,11 +69,11 @@ def accuracy(said: Namespace) -> None:
 
     from kfit.metrics import summary
     from kfit.models import load
-    from kfit.models.accuracy import rotation_errors, unseen_views
+    from kfit.models.accuracy import RIGHT_DEG, called_ambiguous, rotation_errors, translation_errors, unseen_views
 
     model = load(said.model or said.category)
     views = unseen_views(model, said.views, said.seed)
-    pipeline = model.pipeline(said.starts, said.steps, None if said.prune else ())
+    pipeline = model.pipeline(said.starts, said.steps, None if said.prune else (), said.depth)
     console = Console(stderr=True)
     begun = time.perf_counter()
     with Progress(console=console, disable=not console.is_terminal) as bar:
@@ -95,12 +96,29 @@ def accuracy(said: Namespace) -> None:
             *(f"{100 * row[f'under_{t}']:.0f} %" for t in (5, 10, 30, 60)),
         )
     Console(width=110).print(table)
+    away = 100 * translation_errors(model, views, results).nanmedian()
+    print(f"median translation error {away:.1f} cm at {100 * views.distance.median():.0f} cm")
+    told, right = called_ambiguous(model, views, results), errors < RIGHT_DEG
+    ambiguous = {
+        name: {"number": int(group.sum()), "called ambiguous": float(told[group].double().mean())}
+        for name, group in {
+            f"answers within {RIGHT_DEG:g}°": right,
+            "other answers": ~right,
+            "hidden handles": ~views.visible,
+        }.items()
+        if bool(group.any())
+    }
+    for name, row in ambiguous.items():
+        print(f"{100 * row['called ambiguous']:.0f} % of {row['number']} {name} are called ambiguous")
     print(f"{drawn:.0f} pictures drawn and {spent:.2f} s a view, {torch.get_num_threads()} threads")
     if said.card:
         schedule = {"starts": said.starts, "steps": said.steps, "pruned": said.prune, "seed": said.seed}
-        model.card.accuracy["unseen procedural objects, held-out families"] = {
+        what = "unseen procedural objects, held-out families" + (", with depth" if said.depth else "")
+        model.card.accuracy[what] = {
             **schedule,
+            "median translation error in cm": float(away),
             **{name: {"number": counts[name], **row} for name, row in shares.items()},
+            "called ambiguous": ambiguous,
         }
         model.card.write(Path(said.model).with_suffix(".json"))
         print(json.dumps(shares), file=sys.stderr)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import Any
 
 from jsonargparse import ArgumentParser, Namespace
 
@@ -12,9 +13,12 @@ def parser() -> ArgumentParser:
     """Arguments of ``kfit pack``."""
     parser = ArgumentParser(
         description="Pack a checkpoint of `lightning fit` as NAME.safetensors and NAME.json, its card.",
-        epilog="example:  kfit pack lightning_logs/version_0/checkpoints/last.ckpt --out mug.safetensors",
+        epilog="example:  kfit pack lightning_logs/version_0/checkpoints/last.ckpt --out mug.safetensors"
+        " --pose-head lightning_logs/version_1/checkpoints/last.ckpt",
     )
     parser.add_argument("checkpoint", type=str, help="a .ckpt file of kfit.training.ConditionalVAE")
+    parser.add_argument("--pose-head", type=str, default=None, help="a .ckpt file of kfit.training.PoseTraining")
+    parser.add_argument("--pose-weight", type=float, default=0.1, help="how much a fit heeds the pose head")
     parser.add_argument("--out", type=str, required=True, help="file to write, ending in .safetensors")
     parser.add_argument("--command", type=str, default=None, help="the training command, for the card")
     return parser
@@ -34,18 +38,29 @@ def run(said: Namespace) -> None:
     from kfit.models import Card, read_checkpoint, write_model
 
     networks, saved = read_checkpoint(Path(said.checkpoint))
-    model, data = saved["hyper_parameters"], dict(saved["datamodule_hyper_parameters"])
+    model, data = saved["hyper_parameters"], _told(saved)
     category = CATEGORIES[data["category"]]
-    data = {k: v for k, v in data.items() if not k.startswith("_") and k != "cache_dir" and v is not None}
+    named = {name: model[name] for name in networks}
+    also: dict[str, object] = {}
+    if said.pose_head is not None:
+        head, learned = read_checkpoint(Path(said.pose_head), ("pose_head",))
+        if _told(learned)["category"] != category.name:
+            raise ValueError(
+                f"--pose-head is of category {_told(learned)['category']}, the checkpoint of {category.name}"
+            )
+        networks |= head
+        named["pose_head"] = learned["hyper_parameters"]["pose_head"]
+        also = {"pose_head": {"data": _told(learned), "steps": int(learned["global_step"])}}
     card = Card(
         category=category.name,
-        networks={name: model[name] for name in networks},
+        networks=named,
         distance=DISTANCE,
         unit_fraction=category.unit_fraction,
         elevation_deg=category.elevation_deg,
         axes=category.axes,
         symmetry=category.symmetry,
         mean_diagonal=category.mean_diagonal,
+        pose_weight=said.pose_weight,
         training={
             "command": said.command or "not told",
             "data": data | {"shapes_version": VERSION},
@@ -54,7 +69,14 @@ def run(said: Namespace) -> None:
             "kl_weight": model["kl_weight"],
             "kfit": __version__,
             "torch": torch.__version__,
-        },
+        }
+        | also,
     )
     write_model(out, networks, card)
     print(f"wrote {out} and {out.with_suffix('.json').name}", file=sys.stderr)
+
+
+def _told(saved: dict[str, Any]) -> dict[str, Any]:
+    """What a checkpoint tells of its data, without what says nothing or is of the machine alone."""
+    data = saved["datamodule_hyper_parameters"]
+    return {k: v for k, v in data.items() if not k.startswith("_") and k != "cache_dir" and v is not None}

@@ -23,6 +23,7 @@ def parser() -> ArgumentParser:
         description="Find the pose of an object in a photo, without a CAD model of it: writes DIR/pose.json and "
         "DIR/overlay.png and prints one line.",
         epilog="examples:  kfit pose photo.jpg --category mug --box 120 80 300 260   |   "
+        "kfit pose photo.jpg --category mug --segmenter yolo11n-seg.onnx   |   "
         "kfit pose cutout.png --category laptop --intrinsics 1450 1450 960 540 --json",
     )
     parser.add_argument("photo", type=str, help="a picture file; its alpha channel, if any, tells where the object is")
@@ -37,7 +38,15 @@ def parser() -> ArgumentParser:
         nargs=4,
         default=None,
         metavar=("X", "Y", "W", "H"),
-        help="tight box around the object in pixels; GrabCut finds the object in it",
+        help="tight box around the object in pixels; GrabCut or the segmenter finds the object in it",
+    )
+    parser.add_argument(
+        "--segmenter",
+        type=str,
+        default=None,
+        metavar="FILE.onnx",
+        help="a network that finds the object: Mask R-CNN or YOLO-seg (without --box, the surest of the category) or "
+        "IS-Net (best with --box)",
     )
     parser.add_argument(
         "--intrinsics",
@@ -47,7 +56,14 @@ def parser() -> ArgumentParser:
         metavar=("FX", "FY", "CX", "CY"),
         help="camera in pixels; else by the photo's EXIF tags, else a 60° view is assumed",
     )
-    parser.add_argument("--depth", type=str, default=None, help="not supported yet: depth pictures are refused")
+    parser.add_argument(
+        "--depth",
+        type=str,
+        default=None,
+        metavar="FILE",
+        help="depth in the photo's pixels, a 16-bit picture of millimetres or metres in a .npy file; it fixes "
+        "distance and size",
+    )
     parser.add_argument("--out", type=str, default="kfit_out", help="folder to write to", metavar="DIR")
     parser.add_argument("--seed", type=int, default=0, help="decides the random numbers")
     parser.add_argument("--json", action="store_true", help="print the JSON instead of the line")
@@ -56,32 +72,42 @@ def parser() -> ArgumentParser:
 
 def run(said: Namespace) -> None:
     """Answer, write the two files, and print."""
-    if said.depth is not None:
-        raise ValueError("--depth cannot be used yet: kfit fits colour only; leave it out")
     if (said.category is None) == (said.model is None):
         raise ValueError("say what the object is: either --category NAME or --model FILE.safetensors")
-    if said.mask is not None and said.box is not None:
-        raise ValueError("--mask and --box were both given; the object is told by one of them")
+    if said.mask is not None and (said.box is not None or said.segmenter is not None):
+        other = "--segmenter" if said.box is None else "--box"
+        raise ValueError(f"--mask and {other} were both given; the object is told by one of them")
     import numpy as np
 
     from kfit.models import load
-    from kfit.segmentation import mask_from_file, read_photo
+    from kfit.segmentation import depth_from_file, load_segmenter, mask_from_file, read_photo
 
     if said.model is not None and not said.model.endswith(".safetensors"):
         raise ValueError(f"--model must name a .safetensors file, got {said.model}")
     model = load(said.model or said.category)
     photo = read_photo(said.photo)
     mask = None if said.mask is None else mask_from_file(said.mask, photo.image.shape[:2])
+    depth = None if said.depth is None else depth_from_file(said.depth, photo.image.shape[:2])
+    segmenter = None if said.segmenter is None else load_segmenter(said.segmenter)
     camera = None
     if said.intrinsics is not None:
         fx, fy, cx, cy = said.intrinsics
         camera = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
     from kfit.callbacks import Progress
 
-    pipeline = model.pipeline()
+    pipeline = model.pipeline(depth=depth is not None)
     pipeline.callbacks.append(Progress())
     box = None if said.box is None else tuple(said.box)
-    result = model.pose(photo, mask=mask, box=box, intrinsics=camera, seed=said.seed, pipeline=pipeline)
+    result = model.pose(
+        photo,
+        mask=mask,
+        box=box,
+        intrinsics=camera,
+        depth=depth,
+        segmenter=segmenter,
+        seed=said.seed,
+        pipeline=pipeline,
+    )
     for note in result.notes:
         print(f"kfit: {note}", file=sys.stderr)
     overlay = write(result, photo.image, Path(said.out))

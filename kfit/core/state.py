@@ -173,3 +173,17 @@ class FitResult:
     history: History
     dropped: list[tuple[int, int, int]] = field(default_factory=list)
     num_evaluations: int = 0
+
+    def of(self, problem: int) -> FitResult:
+        """What was found for one problem alone; history, dropped rows and the number of pictures stay those of all."""
+        one, rows = slice(problem, problem + 1), self.all_problem == problem
+        return replace(
+            self,
+            values={name: value[one] for name, value in self.values.items()},
+            energy=self.energy[one],
+            start=self.start[one],
+            all_problem=torch.zeros_like(self.all_problem[rows]),
+            all_start=self.all_start[rows],
+            all_energy=self.all_energy[rows],
+            all_values={name: value[rows] for name, value in self.all_values.items()},
+        )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Literal
 
 import torch
+import torch.nn.functional as F
 from kornia.geometry.linalg import transform_points
 from kornia.geometry.transform import get_perspective_transform, warp_perspective
 from torch import Tensor
@@ -48,9 +49,13 @@ class Template(Generator):
             outside explains itself, so that only the overlap counts.
         mask: (1, H, W) in [0, 1], where the template is known; everywhere unless given.
         light: also fit ``gain`` (above 0) and ``bias`` of the template's brightness, gain · picture + bias.
+        oversampling: how many times finer, along each side, the grid is from which the warp reads; a cubic spline
+            fills it in. At 1 the warp is bilinear between pixels, which blurs by how far a point lies between them,
+            and that draws a fit some hundredths of a pixel off the truth; 4 leaves some thousandths.
 
     Raises:
-        TypeError, ValueError: for a picture of integers or of another shape, and an unknown motion.
+        TypeError, ValueError: for a picture of integers or of another shape, an unknown motion, and an oversampling
+            below 1.
     """
 
     pixels: Tensor
@@ -63,19 +68,23 @@ class Template(Generator):
         fill: float | Tensor = 1.0,
         mask: Tensor | None = None,
         light: bool = False,
+        oversampling: int = 1,
     ) -> None:
         super().__init__()
         check_shape("picture", picture, ("C", "H", "W"))
         check_float("picture", picture)
         if motion not in MOTIONS:
             raise ValueError(f"motion must be one of {', '.join(MOTIONS)}, got {motion!r}")
+        if oversampling < 1:
+            raise ValueError(f"oversampling must be at least 1, got {oversampling!r}")
         if isinstance(fill, Tensor):
             check_shape("fill", fill, tuple(picture.shape))
         mask = torch.ones_like(picture[:1]) if mask is None else mask
         check_shape("mask", mask, tuple(picture[:1].shape))
-        self.motion = motion
+        self.motion, self.oversampling, self.size = motion, oversampling, picture.shape[-2:]
         self.variables = {**MOTIONS[motion], **(LIGHT if light else {})}
-        self.register_buffer("pixels", torch.cat([picture * mask, mask])[None].detach())
+        picture, mask = _finer(picture.detach(), mask.detach(), oversampling)
+        self.register_buffer("pixels", torch.cat([picture * mask, mask])[None])
         self.register_buffer("fill", torch.as_tensor(fill, dtype=picture.dtype, device=picture.device).detach())
 
     def forward(self, **values: Tensor) -> Rendering:
@@ -83,7 +92,8 @@ class Template(Generator):
         pixels = self.pixels.expand(len(matrix), -1, -1, -1)
         # Out of autocast: bfloat16 matrices miss by pixels.
         with torch.autocast(pixels.device.type, enabled=False):
-            warped = warp_perspective(pixels, matrix, pixels.shape[-2:], align_corners=True)
+            from_finer = matrix * matrix.new_tensor([1 / self.oversampling, 1 / self.oversampling, 1.0])
+            warped = warp_perspective(pixels, from_finer, self.size, align_corners=True)
         image, mask = warped[:, :-1], warped[:, -1:]
         if "gain" in values:
             image = values["gain"].view(-1, 1, 1, 1) * image + values["bias"].view(-1, 1, 1, 1) * mask
@@ -95,7 +105,7 @@ class Template(Generator):
         Args:
             values: of the variables that move, (N, \\*shape) each.
         """
-        height, width = self.pixels.shape[-2:]
+        height, width = self.size
         like = next(iter(values.values()))
         half, middle = like.new_tensor([width / 2, height / 2]), like.new_tensor([(width - 1) / 2, (height - 1) / 2])
         # In pixels y points down.
@@ -115,15 +125,29 @@ class Template(Generator):
 
         It takes what another motion has found to where a homography starts.
         """
-        height, width = self.pixels.shape[-2:]
+        height, width = self.size
         start = self._corners(matrix).expand(len(matrix), 4, 2)
         apart: Tensor = transform_points(matrix, start) - start
         return apart / matrix.new_tensor([width / 2, -height / 2])
 
     def _corners(self, like: Tensor) -> Tensor:
         """The outer corners of the picture in pixels, (4, 2)."""
-        right, bottom = self.pixels.shape[-1] - 0.5, self.pixels.shape[-2] - 0.5
+        bottom, right = self.size[0] - 0.5, self.size[1] - 0.5
         return like.new_tensor([[-0.5, -0.5], [right, -0.5], [right, bottom], [-0.5, bottom]])
+
+
+def _finer(picture: Tensor, mask: Tensor, times: int) -> tuple[Tensor, Tensor]:
+    """A picture and its mask on a grid ``times`` finer that starts and ends at the same pixel centres."""
+    if times == 1:
+        return picture, mask
+    from scipy.ndimage import zoom  # type: ignore[import-untyped]
+
+    size = [(side - 1) * times + 1 for side in picture.shape[-2:]]
+    factors = [1, size[0] / picture.shape[-2], size[1] / picture.shape[-1]]
+    spline = zoom(picture.double().cpu().numpy(), factors, order=3, mode="mirror")
+    # No spline for the mask, which would ring at its edges.
+    mask = F.interpolate(mask[None], size, mode="bilinear", align_corners=True)[0]
+    return torch.from_numpy(spline).to(picture), mask
 
 
 def _linear(values: Variables) -> Tensor:

@@ -13,13 +13,16 @@ from torch import Tensor
 
 from kfit.core import FitResult, Observation
 from kfit.data import build, pose_view
-from kfit.data.rasterizer import View
-from kfit.geometry import Crop, rotation_error, rotation_from_angles
+from kfit.data.rasterizer import View, standard_intrinsics
+from kfit.geometry import Crop, depth_along, diagonal_at, pose_from_crop, rotation_error, rotation_from_angles
+from kfit.models.alternatives import alternatives, seen_share, warning
 from kfit.models.category_model import CategoryModel
 from kfit.pipeline import FitPipeline
 
 # A mug "shows its handle" when the handle covers this share of the mask; else NOCS lets it turn freely.
 HANDLE_SHARE = 0.02
+# A rotation error under which an answer is right where it is asked whether kfit knows that it is.
+RIGHT_DEG = 20.0
 
 
 @dataclass(frozen=True)
@@ -27,36 +30,51 @@ class UnseenViews:
     """Photos of unseen procedural objects, cut out as `CategoryModel.pose` cuts a photo, with their true poses.
 
     Attributes:
-        observation: N problems.
+        observation: N problems, with depth and intrinsics.
         rotation: (N, 3, 3) in the generator's y-up frame.
         visible: (N,) False where a mug's handle is hidden.
+        distance: (N,) of the objects' centres on the photo's axis, in metres.
+        crops: N squares that were cut out.
+        intrinsics: (3, 3) of the photos.
     """
 
     observation: Observation
     rotation: Tensor
     visible: Tensor
+    distance: Tensor
+    crops: list[Crop]
+    intrinsics: Tensor
 
 
 def unseen_views(model: CategoryModel, num_views: int, seed: int = 0, photo_size: int = 256) -> UnseenViews:
     """Draw one view each of ``num_views`` objects of seeds and of shape and texture families held out of training.
 
     Azimuths over the full circle, elevations over the card's range, the training camera; each is drawn as a photo of
-    ``photo_size`` pixels and cut out by its mask, so that scale and shift are unknown as they are in photos.
+    ``photo_size`` pixels and cut out by its mask, so that scale and shift are unknown as they are in photos. Objects
+    are up to a fifth larger or smaller than the category's mean.
     """
     card = model.card
-    pieces, rotations, visible = [], [], []
+    camera = torch.from_numpy(standard_intrinsics(photo_size, card.distance, card.unit_fraction)).double()
+    pieces, crops, rotations, visible, diagonals = [], [], [], [], []
     for number in range(num_views):
         # Far from the seeds that training and its validation count up from 0.
         mesh, light = build(card.category, 1_000_000 + 1_000 * seed + number, held_out=True)
         rng = np.random.default_rng([seed, number])
         azimuth, elevation = rng.uniform(-math.pi, math.pi), math.radians(rng.uniform(*card.elevation_deg))
         view = pose_view(mesh, elevation, azimuth, light, photo_size, card.distance, card.unit_fraction)
-        pieces.append(Crop.around(view.mask).cut(_unblended(view), view.mask))
+        crop, diagonal = Crop.around(view.mask), card.mean_diagonal * 1.2 ** rng.uniform(-1, 1)
+        depth = torch.from_numpy(np.where(view.mask > 0, diagonal * view.depth, 0.0))
+        depth = depth_along(depth, torch.tensor(crop.centre), camera)
+        pieces.append(crop.cut(_unblended(view), view.mask, depth))
+        crops.append(crop)
+        diagonals.append(diagonal)
         rotations.append(rotation_from_angles(*torch.tensor([azimuth, elevation, 0.0], dtype=torch.float64)))
         visible.append(card.category != "mug" or handle_share(view, mesh.extents) >= HANDLE_SHARE)
-    image, mask = (torch.cat([piece.field(name) for piece in pieces]) for name in ("image", "mask"))
-    keys = tuple(range(num_views))
-    return UnseenViews(Observation(image, mask, keys=keys), torch.stack(rotations), torch.tensor(visible))
+    image, mask, depths = (torch.cat([piece.field(name) for piece in pieces]) for name in ("image", "mask", "depth"))
+    cameras = torch.stack([crop.image_to_crop @ camera for crop in crops]).float()
+    seen = Observation(image, mask, depths, intrinsics=cameras, keys=tuple(range(num_views)))
+    distance = card.distance * torch.tensor(diagonals)
+    return UnseenViews(seen, torch.stack(rotations), torch.tensor(visible), distance, crops, camera)
 
 
 def handle_share(view: View, extents: NDArray[np.float32]) -> float:
@@ -91,7 +109,8 @@ def rotation_errors(
     seen = views.observation
     for first in range(0, seen.num_problems, batch_size):
         rows = slice(first, first + batch_size)
-        piece = Observation(seen.field("image")[rows], seen.field("mask")[rows], keys=seen.keys[rows])
+        fields = {name: seen.field(name)[rows] for name in ("image", "mask", "depth", "intrinsics")}
+        piece = Observation(**fields, keys=seen.keys[rows])
         result = pipeline(piece, seed=0)
         angles = (result.values[name].double() for name in ("azimuth", "elevation", "roll"))
         found = rotation_from_angles(*angles)
@@ -99,6 +118,38 @@ def rotation_errors(
         results.append(result)
         on_batch(min(first + batch_size, seen.num_problems))
     return torch.cat(errors), results
+
+
+def translation_errors(model: CategoryModel, views: UnseenViews, results: list[FitResult]) -> Tensor:
+    """Distances in metres (N,) between where the objects are and where the fits of `rotation_errors` have them."""
+    card, errors = model.card, list[Tensor]()
+    for fit in (result.of(number) for result in results for number in range(len(result.energy))):
+        crop, truth = views.crops[len(errors)], views.distance[len(errors)]
+        values = {name: value.double() for name, value in fit.values.items()}
+        azimuth, elevation, roll = (values[name] for name in ("azimuth", "elevation", "roll"))
+        shift, scale, unit = values["shift"], values["scale"], card.unit_fraction
+        diagonal = torch.tensor([card.mean_diagonal], dtype=torch.float64)
+        if "distance" in values:
+            diagonal = diagonal_at(values["distance"], shift, scale, crop, views.intrinsics, unit)
+        _, found = pose_from_crop(azimuth, elevation, roll, shift, scale, crop, views.intrinsics, diagonal, unit)
+        errors.append((found[0] - truth * found.new_tensor([0.0, 0.0, 1.0])).norm())
+    return torch.stack(errors)
+
+
+def called_ambiguous(model: CategoryModel, views: UnseenViews, results: list[FitResult]) -> Tensor:
+    """Whether each view's answer is said to be ambiguous, (N,): what `rotation_errors` found, judged as `pose` does."""
+    said: list[bool] = []
+    symmetry = model.card.known.symmetry
+    upright = torch.eye(3, dtype=torch.float64)
+    for fit in (result.of(number) for result in results for number in range(len(result.energy))):
+        image, seen = views.observation.image[len(said) : len(said) + 1], None
+        if not len(fit.all_energy):  # no start was left
+            said.append(True)
+            continue
+        if model.pose_head is not None:
+            seen = seen_share(fit, image, model.pose_head, symmetry)
+        said.append(warning(alternatives(fit, upright, symmetry), seen, symmetry) is not None)
+    return torch.tensor(said)
 
 
 def _unblended(view: View) -> NDArray[np.float32]:

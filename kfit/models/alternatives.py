@@ -19,7 +19,7 @@ from kfit.geometry.clusters import WITHIN_DEG
 from kfit.models.pose_result import Alternative
 
 # An answer with less than this share of the starts' weight, or of the pose head's probability, is called ambiguous.
-SURE, LIKELY = 0.8, 0.5
+SURE, LIKELY = 0.8, 0.75
 
 
 def alternatives(fit: FitResult, turn: Tensor, symmetry: Symmetry) -> list[Alternative]:
@@ -64,9 +64,9 @@ def seen_share(fit: FitResult, image: Tensor, head: PoseNetwork, symmetry: Symme
 def warning(found: list[Alternative], seen: float | None, symmetry: Symmetry) -> str | None:
     """A sentence where the answer is ambiguous, None where it is not.
 
-    It is where the answer has less than 0.8 of the starts' weight, or of the pose head's probability. On the 36 views
-    of mugs by which that was chosen, the starts' weight told 15 of 18 hidden handles, 5 of 7 wrong answers and 3 of 11
-    right ones with handles that show.
+    It is where the answer has less than 0.8 of the starts' weight, or of the pose head's probability less than 0.75
+    within 20°. On the 200 views of unseen mugs by which the latter was chosen, it told 60 % of the hidden handles (half
+    of them were found within 9° all the same), 60 % of the wrong answers and 5 % of the right ones.
 
     Args:
         found: the answer first.

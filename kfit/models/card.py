@@ -25,6 +25,8 @@ class Card:
         axes: how the object stands in its frame, in words.
         symmetry: ``"none"`` or ``"y"``.
         mean_diagonal: in metres; what translation and size from colour alone rest on.
+        pose_weight: of what the pose head says, beside the energies of the picture; it weighs little where pictures of
+            wrong poses differ much, as a laptop's do.
         training: command, data, number of pairs, seed, versions.
         accuracy: measured figures, by the name of what they were measured on.
         format: version of this layout.
@@ -38,6 +40,7 @@ class Card:
     axes: str
     symmetry: str
     mean_diagonal: float
+    pose_weight: float = 0.1
     training: dict[str, Any] = field(default_factory=dict)
     accuracy: dict[str, Any] = field(default_factory=dict)
     format: int = FORMAT

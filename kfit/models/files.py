@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ OPTIONAL = ("pose_head",)
 def write_model(path: Path, networks: dict[str, nn.Module], card: Card) -> None:
     """Write ``path`` (.safetensors, half precision) and its card beside it, each through a temporary name."""
     numbers = {
-        f"{name}.{key}": tensor.half().contiguous()
+        f"{name}.{key}": (tensor.half() if tensor.is_floating_point() else tensor).contiguous()
         for name, network in networks.items()
         for key, tensor in network.state_dict().items()
     }
@@ -48,9 +49,9 @@ def read_model(path: Path) -> tuple[dict[str, nn.Module], Card]:
     networks = {}
     for name in _names(card.networks):
         network = _build(card.networks.get(name), name, path)
-        own = {key.removeprefix(f"{name}."): t.float() for key, t in numbers.items() if key.startswith(f"{name}.")}
+        own = {key.removeprefix(f"{name}."): t for key, t in numbers.items() if key.startswith(f"{name}.")}
         try:
-            network.load_state_dict(own)
+            network.load_state_dict(own)  # halves become floats again
         except RuntimeError:
             raise ValueError(
                 f"{path} does not fit its card: the weights are not those of the {name} named there"
@@ -59,10 +60,15 @@ def read_model(path: Path) -> tuple[dict[str, nn.Module], Card]:
     return networks, card
 
 
-def read_checkpoint(path: Path) -> tuple[dict[str, nn.Module], dict[str, Any]]:
-    """Read the networks and hyperparameters that `kfit.training.ConditionalVAE` saved through ``lightning fit``.
+def read_checkpoint(path: Path, names: Sequence[str] = NETWORKS) -> tuple[dict[str, nn.Module], dict[str, Any]]:
+    """Read networks and hyperparameters that a training of kfit's saved through ``lightning fit``.
 
     Where the training averaged weights, they are the averages.
+
+    Args:
+        path: of the checkpoint.
+        names: of the networks: `kfit.training.ConditionalVAE`'s, or ``("pose_head",)`` of
+            `kfit.training.PoseTraining`.
 
     Raises:
         FileNotFoundError: if there is no such file.
@@ -75,12 +81,9 @@ def read_checkpoint(path: Path) -> tuple[dict[str, nn.Module], dict[str, Any]]:
         said, numbers = saved["hyper_parameters"], saved["state_dict"]
         saved["datamodule_hyper_parameters"]["category"]
     except Exception as error:
-        reason = str(error).splitlines()[0]
-        raise ValueError(
-            f"{path} is no checkpoint of kfit.training.ConditionalVAE by `lightning fit`: {reason}"
-        ) from None
+        raise ValueError(f"{path} is no checkpoint by `lightning fit`: {str(error).splitlines()[0]}") from None
     networks = {}
-    for name in _names(said):
+    for name in names:
         network = _build(said.get(name), name, path)
         network.load_state_dict({k.removeprefix(f"{name}."): t for k, t in numbers.items() if k.startswith(f"{name}.")})
         networks[name] = network.eval()

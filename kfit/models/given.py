@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from kfit.geometry import intrinsics_from_fov
-from kfit.segmentation import mask_from_box
+from kfit.segmentation import GrabCut, Segmenter
 
 
 def as_photo(image: NDArray[Any]) -> NDArray[np.float32]:
@@ -36,15 +36,18 @@ def choose_mask(
     mask: NDArray[Any] | None,
     box: tuple[float, float, float, float] | None,
     alpha: NDArray[np.float32] | None,
+    segmenter: Segmenter | None,
+    category: str,
     notes: list[str],
 ) -> NDArray[np.float32]:
-    """The mask (H, W): the one given, else GrabCut's in the box, else ``alpha``, else GrabCut's in the whole picture.
+    """The mask (H, W): the one given, else the segmenter's, else GrabCut's in the box, else ``alpha``, else GrabCut's.
 
     Raises:
-        ValueError: if both mask and box are given, or one of them cannot be used.
+        ValueError: if a mask and something else that tells the object are given, or one of them cannot be used.
     """
-    if mask is not None and box is not None:
-        raise ValueError("mask and box were both given; the object is told by one of them")
+    if mask is not None and not (box is None and segmenter is None):
+        other = "segmenter" if box is None else "box"
+        raise ValueError(f"mask and {other} were both given; the object is told by one of them")
     if mask is not None:
         given = np.asarray(mask)
         if given.shape != pixels.shape[:2]:
@@ -52,13 +55,25 @@ def choose_mask(
         if not (given > 0).any():
             raise ValueError("mask is empty: none of its pixels is above 0")
         return (given > 0).astype(np.float32)
-    if box is not None:
-        return mask_from_box(pixels, box)
-    if alpha is not None:
+    if alpha is not None and box is None and segmenter is None:
         return alpha
-    height, width = pixels.shape[:2]
-    notes.append("no mask or box given: the object was taken to be what stands out in the whole picture")
-    return mask_from_box(pixels, (0.04 * width, 0.04 * height, 0.92 * width, 0.92 * height))
+    found = (segmenter or GrabCut())(pixels, category, box)
+    notes.extend(found.notes)
+    return found.mask
+
+
+def choose_depth(depth: NDArray[Any], mask: NDArray[np.float32]) -> Tensor:
+    """The depth map (H, W) as given, float32.
+
+    Raises:
+        ValueError: if it has not the photo's shape, or is known nowhere on the object.
+    """
+    given = torch.as_tensor(np.asarray(depth, np.float32))
+    if given.shape != mask.shape:
+        raise ValueError(f"depth must have the photo's shape {mask.shape}, got {tuple(given.shape)}")
+    if not bool((given.isfinite() & (given > 0))[torch.from_numpy(mask > 0.5)].any()):
+        raise ValueError("depth is unknown everywhere on the object: no number there is above 0")
+    return given
 
 
 def choose_camera(

@@ -40,6 +40,7 @@ class PoseResult:
         rotation: (3, 3), object (NOCS axes, y up) to camera (OpenCV: x right, y down, z forward).
         translation: (3,) of the object's centre, in metres.
         size: (3,) sides of the object's box along its own axes, in metres.
+        size_from: "depth", or "mean size" where size and distance rest on the category's.
         bbox_xywh: left, top, width, height of the mask's box, in pixels.
         energy: of the winning start; lower is better.
         confidence: weight of the answer among the alternatives, in [0, 1]; not a probability of being right.
@@ -59,6 +60,7 @@ class PoseResult:
     rotation: NDArray[np.float64]
     translation: NDArray[np.float64]
     size: NDArray[np.float64]
+    size_from: str
     bbox_xywh: tuple[int, int, int, int]
     energy: float
     confidence: float
@@ -90,6 +92,7 @@ class PoseResult:
             "quaternion_wxyz": self.quaternion_wxyz.tolist(),
             "translation": self.translation.tolist(),
             "size": self.size.tolist(),
+            "size_from": self.size_from,
             "bbox_xywh": list(self.bbox_xywh),
             "energy": self.energy,
             "confidence": self.confidence,

@@ -1,6 +1,33 @@
-"""Where the object is: photos read from files, and masks from files, alpha channels and boxes."""
+"""Where the object is: photos and masks from files, and masks found by networks, by GrabCut or told by others."""
 
-from kfit.segmentation.grabcut import mask_from_box
-from kfit.segmentation.photo import Photo, mask_from_alpha, mask_from_file, read_photo
+from kfit.segmentation.detections import Detections, Detector
+from kfit.segmentation.grabcut import GrabCut, mask_from_box
+from kfit.segmentation.load_segmenter import load_segmenter
+from kfit.segmentation.mask_rcnn import MaskRCNN
+from kfit.segmentation.nocs_detections import nocs_detections
+from kfit.segmentation.onnx_network import OnnxNetwork
+from kfit.segmentation.photo import Photo, depth_from_file, mask_from_alpha, mask_from_file, read_photo
+from kfit.segmentation.salient_object import SalientObject
+from kfit.segmentation.segmenter import Box, Segment, Segmenter
+from kfit.segmentation.yolo_seg import YoloSeg
 
-__all__ = ["Photo", "mask_from_alpha", "mask_from_box", "mask_from_file", "read_photo"]
+__all__ = [
+    "Box",
+    "Detections",
+    "Detector",
+    "GrabCut",
+    "MaskRCNN",
+    "OnnxNetwork",
+    "Photo",
+    "SalientObject",
+    "Segment",
+    "Segmenter",
+    "YoloSeg",
+    "depth_from_file",
+    "load_segmenter",
+    "mask_from_alpha",
+    "mask_from_box",
+    "mask_from_file",
+    "nocs_detections",
+    "read_photo",
+]

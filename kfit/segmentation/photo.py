@@ -87,6 +87,44 @@ def mask_from_file(path: str | Path, shape: tuple[int, int]) -> NDArray[np.float
     return mask
 
 
+def depth_from_file(path: str | Path, shape: tuple[int, int]) -> NDArray[np.float32]:
+    """Read a depth map: a 16-bit picture of millimetres, as depth cameras and NOCS write it, or metres in a .npy file.
+
+    Args:
+        shape: (H, W) of the photo that it belongs to.
+
+    Returns:
+        (H, W) in metres along the camera's axis; what is not above 0 and finite is unknown.
+
+    Raises:
+        FileNotFoundError: if there is no such file.
+        ValueError: if it is neither, its size is not the photo's, or no depth is known in it.
+    """
+    if Path(path).suffix == ".npy":
+        if not Path(path).exists():
+            raise FileNotFoundError(f"there is no file {path}")
+        try:
+            metres = np.load(path, mmap_mode="r", allow_pickle=False)
+        except (ValueError, OSError, EOFError) as error:
+            raise ValueError(f"depth {path} is damaged or no array of numbers") from error
+        if metres.ndim != 2 or metres.dtype.kind != "f":
+            raise ValueError(
+                f"depth {path} must hold (H, W) metres of floating point, got {metres.shape} {metres.dtype}"
+            )
+        height, width = metres.shape
+    else:
+        picture, _ = _open(path)
+        if not picture.mode.startswith("I"):
+            raise ValueError(f"depth {path} must be a 16-bit picture of millimetres, got one of mode {picture.mode}")
+        (width, height), metres = picture.size, np.asarray(picture, np.float32) / 1000
+    if (height, width) != tuple(shape):
+        raise ValueError(f"depth {path} has {width} x {height} pixels, the photo {shape[1]} x {shape[0]}")
+    found = np.asarray(metres, np.float32)
+    if not (np.isfinite(found) & (found > 0)).any():
+        raise ValueError(f"depth {path} is unknown everywhere: no number in it is above 0")
+    return found
+
+
 def mask_from_alpha(alpha: NDArray[np.float32] | None) -> NDArray[np.float32] | None:
     """The alpha channel as a mask (H, W), or None where it does not set an object off.
 

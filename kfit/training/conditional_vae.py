@@ -3,35 +3,31 @@
 from __future__ import annotations
 
 import inspect
-import math
-import shutil
 import warnings
 from typing import Any
 
 import torch
-from lightning.pytorch import LightningModule
 from torch import Tensor, nn
 from torch.nn import functional as F
 
 from kfit.core import Encoder, Energy, Generator, Rendering, frozen
 from kfit.core.check import check_names, check_range
-from kfit.generators import ExtentsHead, PoseHead
+from kfit.generators import ExtentsHead
 from kfit.training.jitter import Jitter
+from kfit.training.training import Training
 
-TAKEN = {"extents", "kl", "l1", "loss", "pose"}  # in the log, beside the losses
+TAKEN = {"extents", "kl", "l1", "loss"}  # in the log, beside the losses
 
 
-class ConditionalVAE(LightningModule):
+class ConditionalVAE(Training):
     """Sees one view of an object and must draw another (Chen et al. 2020, section 3.2).
 
-    L = Σ_k w_k · mean_n e_k(G(z, pose), I) + λ · D_KL + w_ext · ‖extents(z) − extents‖₁ + w_pose · mean_n KL_pose,
+    L = Σ_k w_k · mean_n e_k(G(z, pose), I) + λ · D_KL + w_ext · ‖extents(z) − extents‖₁,
     z = μ + σ·ε from the encoder's look at the other view, and
     D_KL = mean_n Σ_d ½ (μ² + σ² − 1 − log σ²) in nats, summed over the code and averaged over the batch, where each
-    energy averages over pixels and channels. (The released code averages KL over the code and never adds it.) KL_pose
-    is `kfit.generators.PoseHead.divergence` of the encoder's view from its true pose.
+    energy averages over pixels and channels. (The released code averages KL over the code and never adds it.)
 
-    Batches are those of `kfit.data.ViewsDataModule`; without extents in them, extents are not learned, nor poses
-    without ``source_azimuth`` and ``source_elevation``.
+    Batches are those of `kfit.data.ViewsDataModule`; without extents in them, extents are not learned.
 
     Args:
         generator: of variables ``code``, ``azimuth`` and ``elevation``.
@@ -44,12 +40,9 @@ class ConditionalVAE(LightningModule):
         extents_weight: w_ext.
         rate: largest learning rate of Adam; it rises over the first twentieth of the steps and falls as a cosine.
         jitter: how the encoder's view is disturbed; None shows it as it is.
-        pose_head: picture → distribution over poses, trained beside the others on the encoder's views; None has none.
         pixel_stride: draw and compare every such row and column of the target alone, from a random first one on, which
             is less work where a generator draws pixels by themselves, as `kfit.generators.RadianceField` does. Losses
             that look at neighbourhoods see thinned pictures.
-        pose_weight: w_pose. The head shares no parameter with the others, so Adam learns it alike at any weight; a
-            small one keeps its gradients from deciding how the others' are clipped.
         compile: compile the networks (`torch.compile`): half a minute of waiting for about 1.7 times the speed.
             Without a C++ compiler training goes on uncompiled.
 
@@ -71,8 +64,6 @@ class ConditionalVAE(LightningModule):
         rate: float = 2e-3,
         jitter: Jitter | None = None,
         compile: bool = False,
-        pose_head: PoseHead | None = None,
-        pose_weight: float = 0.01,
         pixel_stride: int = 1,
     ) -> None:
         super().__init__()
@@ -83,28 +74,18 @@ class ConditionalVAE(LightningModule):
         check_names("loss_weights", loss_weights or {}, losses)
         if taken := sorted(TAKEN & set(losses)):
             raise ValueError(f"losses: {', '.join(taken)} is a name that is taken; name the loss otherwise")
-        with warnings.catch_warnings():
-            # From a recipe the networks come as words. Built by hand they come as modules: Lightning warns, and they
-            # are taken out again, also from what it shows to loggers.
-            warnings.simplefilter("ignore")
-            self.save_hyperparameters()
-        self.save_hyperparameters(ignore=[name for name, value in self.hparams.items() if not _is_plain(value)])
+        self.remember(inspect.currentframe())
         self.generator, self.encoder, self.extents = generator, encoder, extents
         self.losses = frozen(nn.ModuleDict(losses))
         self.loss_weights = {name: 1.0 for name in losses} | (loss_weights or {})
         self.kl_weight, self.extents_weight, self.rate = kl_weight, extents_weight, rate
         self.jitter, self.compiles, self.pixel_stride = jitter, compile, pixel_stride
-        self.pose_head, self.pose_weight = pose_head, pose_weight
 
     def on_fit_start(self) -> None:
         # Fixed networks, in the losses and in encoders, stay in evaluation mode, as they should.
         warnings.filterwarnings("ignore", message=r"Found \d+ module\(s\) in eval mode")
         if self.compiles:
-            if self.device.type == "cpu" and not any(shutil.which(name) for name in ("c++", "g++", "clang++")):
-                self.print("no C++ compiler found: training goes on uncompiled")
-                return
-            self.generator.compile()
-            self.encoder.compile()
+            self.compile_networks(self.generator, self.encoder)
 
     def forward(self, image: Tensor, azimuth: Tensor, elevation: Tensor) -> Rendering:
         """Draw the objects of pictures (N, 3, S, S) from other sides, each (N,) in radians."""
@@ -122,8 +103,7 @@ class ConditionalVAE(LightningModule):
         terms = self._compare(drawn, batch)
         if "extents" in batch:
             terms["extents"] = F.l1_loss(self.extents(code), batch["extents"])
-        terms |= self._pose(seen, batch)
-        weights = self.loss_weights | {"extents": self.extents_weight, "pose": self.pose_weight}
+        weights = self.loss_weights | {"extents": self.extents_weight}
         loss = sum((weights[name] * term for name, term in terms.items()), self.kl_weight * divergence)
         self.log_dict({f"train/{k}": v.detach() for k, v in terms.items()} | {"train/kl": divergence.detach()})
         self.log("train/loss", loss.detach(), prog_bar=True)
@@ -134,7 +114,6 @@ class ConditionalVAE(LightningModule):
         terms = self._compare(drawn, batch)
         if "extents" in batch:
             terms["extents"] = F.l1_loss(self.extents(self.encoder(batch["source"])[0]), batch["extents"])
-        terms |= self._pose(batch["source"], batch)
         size = len(batch["target"])
         self.log_dict({f"val/{k}": v for k, v in terms.items()}, batch_size=size, sync_dist=True)
         away = F.l1_loss(drawn.image, batch["target"])
@@ -158,32 +137,5 @@ class ConditionalVAE(LightningModule):
             for name, energy in self.losses.items()
         }
 
-    def _pose(self, seen: Tensor, batch: dict[str, Tensor]) -> dict[str, Tensor]:
-        if self.pose_head is None or "source_azimuth" not in batch:
-            return {}
-        said = self.pose_head(seen)
-        return {"pose": self.pose_head.divergence(said, batch["source_azimuth"], batch["source_elevation"]).mean()}
-
     def configure_optimizers(self) -> Any:
-        adam = torch.optim.Adam([p for p in self.parameters() if p.requires_grad], lr=self.rate)
-        total = self.trainer.estimated_stepping_batches
-        if total == math.inf:
-            raise ValueError("the trainer needs max_epochs or max_steps: the rate falls towards the end of training")
-        # Not OneCycleLR: that keeps its end in the checkpoint, so a run could not be resumed for more epochs.
-        schedule = torch.optim.lr_scheduler.LambdaLR(adam, lambda step: _share(step, int(total)))
-        return {"optimizer": adam, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
-
-
-def _share(step: int, total: int) -> float:
-    """Share of the largest rate: up over the first twentieth of the steps, then down as a cosine."""
-    rise = max(1, total // 20)
-    if step < rise:
-        return (step + 1) / (rise + 1)
-    return (1 + math.cos(math.pi * min(1.0, (step - rise) / max(1, total - rise)))) / 2
-
-
-def _is_plain(value: Any) -> bool:
-    """Whether a hyperparameter is made of numbers, strings and the like alone, so that a checkpoint may hold it."""
-    if isinstance(value, dict):
-        return all(_is_plain(item) for item in value.values())
-    return not isinstance(value, (nn.Module, Jitter))
+        return self.adam(self.rate)

@@ -75,7 +75,8 @@ def test_a_users_mistake_gets_one_sentence_and_writes_nothing(
         ([str(cutout), "--category", "teapot"], "those known are"),
         ([str(cutout), "--model", str(damaged)], "damaged"),
         ([str(cutout)], "either --category NAME or --model"),
-        ([str(cutout), *mug, "--depth", "d.png"], "--depth cannot be used yet"),
+        ([str(cutout), *mug, "--depth", "d.png"], "no file d.png"),
+        ([str(cutout), *mug, "--depth", str(empty)], "16-bit picture of millimetres"),
     ]:
         err = refused(["pose", *words], capsys)
         assert sentence in err

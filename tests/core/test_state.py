@@ -5,7 +5,7 @@ from collections import namedtuple
 import pytest
 import torch
 
-from kfit.core import FitState, Observation, Rendering
+from kfit.core import FitResult, FitState, History, Observation, Rendering
 from kfit.core.recorder import Recorder
 
 GOOD = {
@@ -140,3 +140,17 @@ class TestARecorder:
         assert recorder.dropped == [(0, 1, 3), (1, 1, 3)]
         assert left.energy.tolist() == [0, 2]
         assert left.optimizer["mean"]["x"].tolist() == [0.5, 2.5]
+
+
+def test_of_a_fit_of_several_problems_one_can_be_had_alone():
+    values, rows = {"x": torch.tensor([1.0, 2.0])}, torch.tensor([0, 1, 1, 0])
+    result = FitResult(
+        values, torch.tensor([0.1, 0.2]), torch.tensor([3, 4]), rows, torch.arange(4), torch.arange(4.0),
+        {"x": torch.arange(4.0)}, History(torch.zeros(0), {}, {}),
+    )  # fmt: skip
+    one = result.of(1)
+    assert one.values == {"x": torch.tensor([2.0])}
+    assert (one.energy.tolist(), one.start.tolist()) == ([pytest.approx(0.2)], [4])
+    assert one.all_problem.tolist() == [0, 0]
+    assert one.all_start.tolist() == [1, 2]
+    assert one.all_values["x"].tolist() == [1.0, 2.0]

@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 import pytest
 import torch
+from scipy.ndimage import map_coordinates
 
 from kfit.core import Generator, Rendering
 from kfit.generators import SimilarityWarp, Template
@@ -111,12 +112,53 @@ def test_a_mask_keeps_out_what_is_not_known_of_the_template():
     torch.testing.assert_close(drawn.mask[0], mask, rtol=0, atol=1e-12)
 
 
+class TestOversampling:
+    @pytest.mark.parametrize("motion", STILL)
+    def test_leaves_a_picture_that_does_not_move_as_it_is(self, motion):
+        drawn = Template(picture(), motion, oversampling=4)(**rows(STILL[motion]))
+        torch.testing.assert_close(drawn.image[0], picture(), rtol=0, atol=1e-9)
+        assert drawn.mask.min() > 1 - 1e-12
+
+    @pytest.mark.parametrize("motion", STILL)
+    def test_draws_what_a_spline_draws_and_bilinear_does_not(self, motion):
+        sharp = torch.rand(1, 20, 30, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+        values = rows(MOVED[motion])
+        matrix = Template(sharp, motion).matrix(**values)[0].inverse().numpy()
+        v, u = np.mgrid[:20, :30]
+        x, y, z = np.einsum("ij,jhw->ihw", matrix, np.stack([u, v, np.ones_like(u)]))
+        expected = torch.from_numpy(map_coordinates(sharp[0].numpy(), [y / z, x / z], order=3, mode="mirror"))
+
+        def apart(oversampling):
+            drawn = Template(sharp, motion, oversampling=oversampling)(**values)
+            return (drawn.image[0, 0] - expected)[drawn.mask[0, 0] > 0.999].square().mean().sqrt()
+
+        assert apart(8) < 0.01
+        assert apart(4) < 0.03
+        assert apart(1) > 0.06
+
+    def test_keeps_the_size_the_matrix_and_the_corners(self):
+        values = rows(MOVED["homography"])
+        plain, fine = Template(picture()), Template(picture(), oversampling=3)
+        matrix = plain.matrix(**values)
+        torch.testing.assert_close(fine.matrix(**values), matrix)
+        torch.testing.assert_close(fine.corners(matrix), plain.corners(matrix))
+        assert fine(**values).image.shape == plain(**values).image.shape
+
+    def test_keeps_the_mask_sharp(self):
+        mask = torch.ones(1, 20, 30).double()
+        mask[..., :10] = 0
+        drawn = Template(picture(), "similarity", mask=mask, oversampling=4)(**rows(STILL["similarity"]))
+        torch.testing.assert_close(drawn.mask[0], mask, rtol=0, atol=1e-12)
+        assert (drawn.image[..., :10] == 1).all()
+
+
 @pytest.mark.parametrize(
     ("given", "error", "said"),
     [
         ({"picture": torch.rand(20, 30)}, ValueError, r"picture must have shape \(C, H, W\)"),
         ({"picture": torch.zeros(3, 4, 4, dtype=torch.uint8)}, TypeError, "picture must be a floating-point tensor"),
         ({"motion": "rigid"}, ValueError, "motion must be one of similarity, affine, homography, got 'rigid'"),
+        ({"oversampling": 0}, ValueError, "oversampling must be at least 1, got 0"),
         ({"fill": torch.rand(3, 4, 4)}, ValueError, r"fill must have shape \(3, 20, 30\)"),
         ({"mask": torch.rand(3, 20, 30)}, ValueError, r"mask must have shape \(1, 20, 30\)"),
     ],

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,10 +10,17 @@ import pytest
 import torch
 
 import kfit
+from kfit.core import FitResult, History
 from kfit.data import build, render
-from kfit.geometry import rotation_error
+from kfit.geometry import rotation_error, rotation_from_angles
 from kfit.models import CategoryModel, bundled
-from kfit.models.accuracy import handle_share, rotation_errors, unseen_views
+from kfit.models.accuracy import (
+    called_ambiguous,
+    handle_share,
+    rotation_errors,
+    translation_errors,
+    unseen_views,
+)
 
 INTRINSICS = np.array([[500.0, 0, 159.5], [0, 500.0, 119.5], [0, 0, 1]])
 
@@ -42,13 +50,45 @@ def test_a_bundled_model_finds_pose_and_place_of_a_drawn_object(category: str) -
     assert result.fit.num_evaluations < 32 * 51
 
 
+def test_depth_fixes_distance_and_size_of_an_object_larger_than_its_kind() -> None:
+    mesh, light = build("laptop", 5)
+    diagonal = 1.3 * kfit.load("laptop").card.mean_diagonal
+    pose = np.eye(4)
+    turn = rotation_from_angles(torch.tensor(0.5), torch.tensor(0.6), torch.tensor(0.0)).numpy()
+    pose[:3, :3], pose[:3, 3] = turn * diagonal, (0.12, 0.06, -0.9)
+    view = render(mesh, pose, INTRINSICS, (240, 320), light)
+    model, mask = kfit.load("laptop"), view.mask > 0.5
+    depth = np.where(mask, view.depth, 3.0)
+    depth[100:110] = np.nan  # the camera has not seen all of it
+    found = model.pose(
+        view.image, mask=mask, intrinsics=INTRINSICS, depth=depth, pipeline=model.pipeline(8, 40, depth=True)
+    )
+    assert found.size_from == "depth"
+    assert np.linalg.norm(found.translation - np.array([0.12, -0.06, 0.9])) < 0.04
+    assert np.linalg.norm(found.size) == pytest.approx(diagonal, rel=0.1)
+    colour = model.pose(view.image, mask=mask, intrinsics=INTRINSICS, pipeline=model.pipeline(8, 40))
+    assert colour.size_from == "mean size"
+    assert np.linalg.norm(colour.translation - np.array([0.12, -0.06, 0.9])) > 0.1
+
+
+def test_depth_that_does_not_fit_is_an_error(tiny_model: CategoryModel) -> None:
+    image, mask = np.ones((50, 60, 3), np.float32), np.zeros((50, 60), bool)
+    mask[10:30, 20:50] = True
+    with pytest.raises(ValueError, match=r"depth must have the photo's shape \(50, 60\), got \(60, 50\)"):
+        tiny_model.pose(image, mask=mask, depth=np.ones((60, 50)))
+    with pytest.raises(ValueError, match="depth is unknown everywhere on the object"):
+        tiny_model.pose(image, mask=mask, depth=np.where(mask, 0.0, 1.0))
+    with pytest.raises(ValueError, match="the generator draws no depth"):
+        tiny_model.pose(image, mask=mask, depth=np.ones((50, 60)))
+
+
 def test_the_result_is_json_with_the_promised_fields(tiny_model: CategoryModel) -> None:
     image, mask = np.ones((50, 60, 3), np.float32), np.zeros((50, 60), bool)
     mask[10:30, 20:50] = True
     said = json.loads(json.dumps(tiny_model.pose(image, mask=mask, pipeline=tiny_model.pipeline(4, 2)).to_dict()))
     assert set(said) >= {
-        "category", "rotation", "quaternion_wxyz", "translation", "size", "bbox_xywh", "energy", "confidence",
-        "alternatives", "intrinsics", "intrinsics_assumed",
+        "category", "rotation", "quaternion_wxyz", "translation", "size", "size_from", "bbox_xywh", "energy",
+        "confidence", "alternatives", "intrinsics", "intrinsics_assumed",
     }  # fmt: skip
     assert said["bbox_xywh"] == [20, 10, 30, 20]
     assert said["intrinsics_assumed"] is True
@@ -114,6 +154,35 @@ def test_errors_do_not_depend_on_the_batch(tiny_model: CategoryModel) -> None:
     together, _ = rotation_errors(tiny_model, views, pipeline, batch_size=3)
     alone, _ = rotation_errors(tiny_model, views, pipeline, batch_size=1)
     assert torch.allclose(together, alone, atol=0.5)
+
+
+def test_translations_are_measured_from_where_the_objects_were_drawn(tiny_model: CategoryModel) -> None:
+    views = unseen_views(tiny_model, 2, photo_size=64)
+    middle = torch.tensor([31.5, 31.5])
+    shift = torch.stack([(middle - torch.tensor(crop.centre)) / (crop.side / 2) for crop in views.crops])
+    angles = {name: torch.zeros(2) for name in ("azimuth", "elevation", "roll")}
+    values = {**angles, "shift": shift * torch.tensor([1.0, -1.0]), "scale": torch.ones(2)}
+    rows = torch.arange(2)
+    fit = FitResult(
+        {**values, "distance": views.distance.float()}, torch.zeros(2), 0 * rows, rows, 0 * rows, torch.zeros(2),
+        {**values}, History(torch.zeros(0), {}, {}),
+    )  # fmt: skip
+    assert translation_errors(tiny_model, views, [fit]).max() < 1e-4
+    nearer = replace(fit, values={**fit.values, "distance": views.distance.float() - 0.1})
+    torch.testing.assert_close(
+        translation_errors(tiny_model, views, [nearer]).float(), torch.full((2,), 0.1), rtol=1e-3, atol=0
+    )
+    assert called_ambiguous(tiny_model, views, [fit]).tolist() == [False, False]
+
+
+def test_depth_of_unseen_views_is_metric_and_known_on_the_object_alone(tiny_model: CategoryModel) -> None:
+    views = unseen_views(tiny_model, 2, photo_size=64)
+    depth, mask = views.observation.field("depth"), views.observation.field("mask")
+    known = depth.isfinite()
+    assert not known[mask < 0.2].any()
+    assert known[mask > 0.9].all()
+    middle = depth.flatten(1).nanmedian(1).values
+    assert ((middle - views.distance).abs() < tiny_model.card.mean_diagonal).all()
 
 
 def test_a_path_and_an_array_give_the_same_answer(tiny_model: CategoryModel, tmp_path: Path) -> None:

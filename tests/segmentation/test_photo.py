@@ -4,8 +4,9 @@ import cv2
 import numpy as np
 import pytest
 from PIL import Image
+from skimage.io import imsave
 
-from kfit.segmentation import mask_from_alpha, mask_from_file, photo, read_photo
+from kfit.segmentation import depth_from_file, mask_from_alpha, mask_from_file, photo, read_photo
 
 RGB = np.random.default_rng(0).integers(0, 256, (6, 9, 3), np.uint8)
 
@@ -145,3 +146,37 @@ def test_a_mask_of_another_size_or_without_object_is_refused(tmp_path: Path) -> 
 
 def test_the_limit_is_what_the_message_says() -> None:
     assert photo.LARGEST_SIDE == 10_000
+
+
+def test_depth_comes_in_metres_from_millimetres_or_an_array(tmp_path: Path) -> None:
+    millimetres = np.array([[0, 500], [1500, 65535]], np.uint16)
+    imsave(tmp_path / "d.png", millimetres, check_contrast=False)
+    np.save(tmp_path / "d.npy", millimetres / 1000)
+    for name in ("d.png", "d.npy"):
+        found = depth_from_file(tmp_path / name, (2, 2))
+        assert found.dtype == np.float32
+        np.testing.assert_allclose(found, millimetres / 1000, rtol=1e-6)
+
+
+def test_depth_that_cannot_be_used_gets_one_sentence(tmp_path: Path) -> None:
+    imsave(tmp_path / "bytes.png", np.ones((2, 2), np.uint8), check_contrast=False)
+    imsave(tmp_path / "zero.png", np.zeros((2, 2), np.uint16), check_contrast=False)
+    np.save(tmp_path / "whole.npy", np.ones((2, 2), np.int64))
+    np.save(tmp_path / "objects.npy", np.array([[{}]], object), allow_pickle=True)
+    np.save(tmp_path / "nan.npy", np.full((2, 2), np.nan))
+    (tmp_path / "cut.npy").write_bytes((tmp_path / "nan.npy").read_bytes()[:90])
+    for name, sentence in [
+        ("none.npy", "there is no file"),
+        ("none.png", "there is no file"),
+        ("bytes.png", "16-bit picture of millimetres, got one of mode L"),
+        ("zero.png", "unknown everywhere"),
+        ("nan.npy", "unknown everywhere"),
+        ("whole.npy", r"must hold \(H, W\) metres of floating point"),
+        ("objects.npy", "damaged or no array of numbers"),
+        ("cut.npy", "damaged or no array of numbers"),
+    ]:
+        with pytest.raises((ValueError, FileNotFoundError), match=sentence):
+            depth_from_file(tmp_path / name, (2, 2))
+    imsave(tmp_path / "d.png", np.full((2, 2), 900, np.uint16), check_contrast=False)
+    with pytest.raises(ValueError, match="has 2 x 2 pixels, the photo 5 x 4"):
+        depth_from_file(tmp_path / "d.png", (4, 5))

@@ -15,6 +15,7 @@ from torch import nn
 from torch.distributions import Normal, kl_divergence
 from torch.utils.data import DataLoader, Dataset
 
+import kfit
 from kfit.core import Energy
 from kfit.energies import L1, Perceptual, Silhouette
 from kfit.generators import VAE3D, ConvEncoder, ExtentsHead, PoseHead, RadianceField
@@ -46,10 +47,6 @@ def build(**changes):
         "rate": 0.01,
     }
     return ConditionalVAE(**settings | changes)
-
-
-def small_head():
-    return PoseHead(channels=(8, 8), hidden_dim=8, image_size=SIDE)
 
 
 def batch(rows=4, seed=0):
@@ -165,39 +162,6 @@ class TestTheLoss:
         assert seen[0] is given["source"]
 
 
-class TestAPoseHead:
-    def poses(self):
-        return {"source_azimuth": torch.tensor([0.1, -3.0, 2.0, 1.0]), "source_elevation": torch.full((4,), 0.4)}
-
-    def test_learns_the_pose_of_the_encoder_s_view_by_its_weight(self, logged):
-        given, plain = batch() | self.poses(), build()
-        torch.manual_seed(11)
-        without = plain.training_step(given, 0)
-        module = build(pose_head=small_head(), pose_weight=0.5)
-        torch.manual_seed(11)
-        loss = module.training_step(given, 0)
-        head = module.pose_head
-        said = head.divergence(head(given["source"]), given["source_azimuth"], given["source_elevation"]).mean()
-        torch.testing.assert_close(loss, without + 0.5 * said)
-        assert logged["train/pose"] == pytest.approx(float(said.detach()))
-        with torch.no_grad():
-            module.validation_step(given, 0)
-        assert logged["val/pose"] == logged["train/pose"]
-
-    def test_looks_at_the_jittered_view_while_training(self, logged, monkeypatch):
-        module, seen = build(pose_head=small_head(), jitter=Jitter()), []
-        monkeypatch.setattr(module, "jitter", lambda image: 1 - image)
-        module.pose_head.register_forward_pre_hook(lambda _, inputs: seen.append(inputs[0]))
-        given = batch() | self.poses()
-        module.training_step(given, 0)
-        torch.testing.assert_close(seen[0], 1 - given["source"])
-
-    def test_is_left_alone_where_the_batch_tells_no_pose(self, logged):
-        with torch.no_grad():
-            assert build(pose_head=small_head()).training_step(batch(), 0).isfinite()
-        assert "train/pose" not in logged
-
-
 class TestLossNetworks:
     @quiet
     def test_given_are_not_trained_and_stay_in_evaluation_mode(self, tmp_path):
@@ -305,17 +269,17 @@ class TestCheckpoint:
         saved = torch.load(tmp_path / "all.ckpt", weights_only=True)
         assert dict(saved["hyper_parameters"]) == {
             "loss_weights": {"mask": 0.2}, "kl_weight": 0.01, "extents_weight": 0.3, "rate": 0.01, "compile": False,
-            "pose_head": None, "pose_weight": 0.01, "pixel_stride": 1,
+            "pixel_stride": 1,
         }  # fmt: skip
         again = build()
         again.load_state_dict(saved["state_dict"])
         torch.testing.assert_close(again.generator.constant, module.generator.constant)
 
-    @pytest.mark.parametrize(("jitter", "head"), [(None, None), (Jitter(), small_head())])
-    def test_leaves_no_network_among_the_hyperparameters(self, jitter, head):
-        module = build(jitter=jitter, pose_head=head)
-        plain = {"loss_weights", "kl_weight", "extents_weight", "rate", "compile", "pose_weight", "pixel_stride"}
-        plain |= set() if jitter else {"jitter", "pose_head"}
+    @pytest.mark.parametrize("jitter", [None, Jitter()])
+    def test_leaves_no_network_among_the_hyperparameters(self, jitter):
+        module = build(jitter=jitter)
+        plain = {"loss_weights", "kl_weight", "extents_weight", "rate", "compile", "pixel_stride"}
+        plain |= set() if jitter else {"jitter"}
         assert set(module.hparams) == set(module.hparams_initial) == plain
 
 
@@ -421,9 +385,14 @@ def test_the_command_line_trains_goes_on_and_packs(tmp_path):
     (second,) = set(tmp_path.rglob("last.ckpt")) - {first}
     assert torch.load(second, weights_only=True)["global_step"] == 8
     assert {path.name for path in tmp_path.rglob("*.png")} == {"epoch_000.png", "epoch_001.png"}
-    run("main", "pack", second, "--out", tmp_path / "mug.safetensors")
-    assert (tmp_path / "mug.safetensors").is_file()
-    assert (tmp_path / "mug.json").is_file()
+    heads = [*fit[:2], ROOT / "recipes" / "pose_head.yaml", *fit[3:]]
+    heads[heads.index(tmp_path)] = tmp_path / "head"
+    run("lightning", *heads, "--trainer.max_epochs", 1, "--model.init_args.compile", "false")
+    (head,) = (tmp_path / "head").rglob("last.ckpt")
+    run("main", "pack", second, "--pose-head", head, "--out", tmp_path / "mug.safetensors")
+    model = kfit.load(tmp_path / "mug.safetensors")
+    assert isinstance(model.pose_head, PoseHead)
+    assert model.card.training["pose_head"]["steps"] == 4
 
 
 def test_a_step_on_thinned_pixels_draws_a_share_of_the_points_and_its_loss_is_on_average_the_whole_step_s(monkeypatch):

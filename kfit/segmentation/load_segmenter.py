@@ -1,0 +1,25 @@
+"""Finding out what kind of segmenter an ONNX file holds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from kfit.segmentation.mask_rcnn import MaskRCNN
+from kfit.segmentation.onnx_network import OnnxNetwork
+from kfit.segmentation.salient_object import SalientObject
+from kfit.segmentation.segmenter import Segmenter
+from kfit.segmentation.yolo_seg import YoloSeg
+
+
+def load_segmenter(path: str | Path) -> Segmenter:
+    """Load an ONNX model that finds objects: Mask R-CNN, YOLO-seg or IS-Net, told apart by their layouts.
+
+    Raises:
+        FileNotFoundError: if there is no such file.
+        ValueError: if it is no ONNX model, or its layout is of none of these; the sentence tells what was found.
+    """
+    network = OnnxNetwork(path)
+    for kind in (YoloSeg, MaskRCNN, SalientObject):
+        if kind.fits(network):
+            return kind(network)
+    raise ValueError(f"{path} has the layout of neither Mask R-CNN, YOLO-seg nor IS-Net ({network.layout})")

@@ -1,0 +1,67 @@
+"""What says which pixels of a photo show the object: the contract of all segmenters."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Box = tuple[float, float, float, float]
+WHOLE_PICTURE = "no mask or box given: the object was taken to be what stands out in the whole picture"
+
+
+@dataclass(frozen=True)
+class Segment:
+    """Where one object is.
+
+    Attributes:
+        mask: (H, W), 1 on the object and 0 elsewhere.
+        notes: sentences on what was assumed.
+    """
+
+    mask: NDArray[np.float32]
+    notes: tuple[str, ...] = ()
+
+
+class Segmenter(ABC):
+    """Says which pixels of a photo show the object."""
+
+    @abstractmethod
+    def __call__(self, image: NDArray[np.float32], category: str, box: Box | None = None) -> Segment:
+        """Find one object.
+
+        Args:
+            image: (H, W, 3), RGB in [0, 1].
+            category: what is looked for where no box tells the object; one of `kfit.geometry.CATEGORIES`.
+            box: left, top, width, height in pixels around the object, of whatever kind it is.
+
+        Raises:
+            ValueError: if the box cannot be used or no such object is found, in one sentence.
+        """
+
+
+def clipped(box: Box, width: int, height: int) -> tuple[int, int, int, int]:
+    """Left, top, right and bottom of the part of a box that lies in a picture, the latter two exclusive.
+
+    Raises:
+        ValueError: if that part has less than 4 pixels a side.
+    """
+    x, y, across, down = box
+    said = f"box {spell(box)} (left, top, width, height)"
+    if not (across > 0 and down > 0 and all(map(math.isfinite, box))):
+        raise ValueError(f"{said} has no area; the picture has {width} x {height} pixels")
+    left, right = max(0, round(x)), min(width, round(x + across))
+    top, bottom = max(0, round(y)), min(height, round(y + down))
+    if left >= right or top >= bottom:
+        raise ValueError(f"{said} lies outside the picture of {width} x {height} pixels")
+    if min(right - left, bottom - top) < 4:
+        raise ValueError(f"{said} leaves less than 4 pixels a side in the picture of {width} x {height} pixels")
+    return left, top, right, bottom
+
+
+def spell(box: Box) -> str:
+    """A box as its user wrote it."""
+    return "(" + ", ".join(f"{number:g}" for number in box) + ")"

@@ -1,0 +1,82 @@
+"""Teaching a network to read poses off pictures."""
+
+from __future__ import annotations
+
+import inspect
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from kfit.generators import PoseHead
+from kfit.training.jitter import Jitter
+from kfit.training.recolor import Recolor
+from kfit.training.training import Training
+
+
+class PoseTraining(Training):
+    """Shows a pose head views of many objects, each with its true pose.
+
+    L = mean_n KL(target_n ‖ said_n), see `kfit.generators.PoseHead.divergence`.
+
+    The head shares nothing with a generator and learns in a tenth of its time, so it is trained by itself; `kfit pack`
+    puts both into one model. Batches are those of `kfit.data.ViewsDataModule`, whose sources and targets are all shown.
+
+    Args:
+        pose_head: learns.
+        rate: largest learning rate of AdamW; it rises over the first twentieth of the steps and falls as a cosine.
+        weight_decay: of AdamW.
+        jitter: how views are turned, shifted and scaled; None shows them as they are.
+        recolor: how their colours are changed; None leaves them.
+        compile: compile the head (`torch.compile`). Without a C++ compiler training goes on uncompiled.
+
+    Raises:
+        ValueError: when training starts, for a trainer without an end.
+    """
+
+    def __init__(
+        self,
+        pose_head: PoseHead,
+        rate: float = 1.5e-3,
+        weight_decay: float = 1e-3,
+        jitter: Jitter | None = None,
+        recolor: Recolor | None = None,
+        compile: bool = False,
+    ) -> None:
+        super().__init__()
+        self.remember(inspect.currentframe())
+        self.pose_head, self.rate, self.weight_decay = pose_head, rate, weight_decay
+        self.jitter, self.recolor, self.compiles = jitter, recolor, compile
+
+    def on_fit_start(self) -> None:
+        if self.compiles:
+            self.compile_networks(self.pose_head)
+
+    def forward(self, image: Tensor) -> Tensor:
+        """Log-probabilities (N, A, E) of the poses that pictures (N, 3, S, S) show."""
+        said: Tensor = self.pose_head(image)
+        return said
+
+    def training_step(self, batch: dict[str, Tensor], batch_idx: int) -> Tensor:
+        image, azimuth, elevation = _views(batch)
+        with torch.no_grad():
+            image = image if self.recolor is None else self.recolor(image)
+            image = image if self.jitter is None else self.jitter(image)
+        loss = self.pose_head.divergence(self(image), azimuth, elevation).mean()
+        self.log("train/pose", loss.detach(), prog_bar=True)
+        return loss
+
+    def validation_step(self, batch: dict[str, Tensor], batch_idx: int) -> None:
+        image, azimuth, elevation = _views(batch)
+        loss = self.pose_head.divergence(self(image), azimuth, elevation).mean()
+        self.log("val/pose", loss, prog_bar=True, batch_size=len(image), sync_dist=True)
+
+    def configure_optimizers(self) -> Any:
+        return self.adam(self.rate, self.weight_decay)
+
+
+def _views(batch: dict[str, Tensor]) -> tuple[Tensor, Tensor, Tensor]:
+    """Pictures, azimuths and elevations of a batch's sources and targets, one after the other."""
+    names = (("source", "target"), ("source_azimuth", "azimuth"), ("source_elevation", "elevation"))
+    image, azimuth, elevation = (torch.cat([batch[name] for name in pair]) for pair in names)
+    return image, azimuth, elevation

@@ -1,0 +1,115 @@
+"""Teaching a pose head: all views are shown, disturbed in training alone, and a few steps of it lessen the loss."""
+
+import pytest
+import torch
+from lightning.pytorch import Trainer
+from torch.utils.data import DataLoader
+
+from kfit.generators import PoseHead
+from kfit.training import PoseTraining, Recolor
+
+SIDE = 16
+quiet = pytest.mark.filterwarnings(
+    "ignore:.*does not have many workers", r"ignore:`isinstance\(treespec, LeafSpec\)` is deprecated:FutureWarning"
+)
+
+
+def build(**changes):
+    torch.manual_seed(0)
+    return PoseTraining(PoseHead(channels=(8, 8), hidden_dim=8, image_size=SIDE), **changes)
+
+
+def batch(rows=4, seed=0):
+    rng = torch.Generator().manual_seed(seed)
+    views = {name: torch.rand(rows, 3, SIDE, SIDE, generator=rng) for name in ("source", "target")}
+    angles = ("source_azimuth", "source_elevation", "azimuth", "elevation")
+    return views | {name: torch.rand(rows, generator=rng) for name in angles}
+
+
+def distance(module, given):
+    with torch.no_grad():
+        said = module.eval()(given["source"])
+    module.train()
+    return float(module.pose_head.divergence(said, given["source_azimuth"], given["source_elevation"]).mean())
+
+
+@pytest.fixture
+def logged(monkeypatch):
+    told = {}
+    monkeypatch.setattr(PoseTraining, "log", lambda self, name, value, **settings: told.update({name: float(value)}))
+    return told
+
+
+def test_the_loss_is_the_mean_divergence_of_sources_and_targets(logged):
+    module, given = build().eval(), batch()
+    head = module.pose_head
+    with torch.no_grad():
+        loss = module.training_step(given, 0)
+        one = head.divergence(head(given["source"]), given["source_azimuth"], given["source_elevation"])
+        other = head.divergence(head(given["target"]), given["azimuth"], given["elevation"])
+        module.validation_step(given, 0)
+    torch.testing.assert_close(loss, torch.cat([one, other]).mean())
+    assert logged == {"train/pose": pytest.approx(float(loss)), "val/pose": pytest.approx(float(loss))}
+
+
+def test_views_are_recoloured_then_turned_in_training_alone(logged):
+    seen = []
+    module = build(recolor=lambda image: image / 2, jitter=lambda image: 1 - image).eval()
+    module.pose_head.register_forward_pre_hook(lambda _, inputs: seen.append(inputs[0]))
+    given = batch()
+    with torch.no_grad():
+        module.training_step(given, 0)
+        module.validation_step(given, 0)
+    shown = torch.cat([given["source"], given["target"]])
+    torch.testing.assert_close(seen[0], 1 - shown / 2)
+    torch.testing.assert_close(seen[1], shown)
+
+
+@quiet
+def test_some_steps_lessen_the_loss_and_the_checkpoint_holds_plain_data_alone(tmp_path):
+    given = batch()
+    module = build(rate=0.01)
+    before = distance(module, given)
+    trainer = Trainer(
+        default_root_dir=tmp_path, max_epochs=20, accelerator="cpu", logger=False, enable_checkpointing=False,
+        enable_progress_bar=False, enable_model_summary=False,
+    )  # fmt: skip
+    one = DataLoader([given], batch_size=None)
+    trainer.fit(module, one, one)
+    assert distance(module, given) < before
+    trainer.save_checkpoint(tmp_path / "all.ckpt")
+    saved = torch.load(tmp_path / "all.ckpt", weights_only=True)
+    assert dict(saved["hyper_parameters"]) == {
+        "rate": 0.01, "weight_decay": 1e-3, "jitter": None, "recolor": None, "compile": False,
+    }  # fmt: skip
+
+
+@quiet
+def test_a_trainer_without_an_end_is_an_error(tmp_path):
+    trainer = Trainer(
+        default_root_dir=tmp_path, max_epochs=-1, accelerator="cpu", logger=False, enable_checkpointing=False,
+        enable_progress_bar=False, enable_model_summary=False,
+    )  # fmt: skip
+    one = DataLoader([batch()], batch_size=None)
+    with pytest.raises(ValueError, match="needs max_epochs or max_steps"):
+        trainer.fit(build(), one, one)
+
+
+class TestRecolor:
+    def test_keeps_white_white_and_stays_in_range(self):
+        torch.manual_seed(0)
+        image = torch.rand(16, 3, 8, 8)
+        image[..., :2] = 1
+        found = Recolor()(image)
+        torch.testing.assert_close(found[..., :2], image[..., :2])
+        assert 0 <= float(found.min()) <= float(found.max()) <= 1
+
+    def test_leaves_about_half_of_the_channels_unmixed_and_of_no_strength_bends_nothing(self):
+        torch.manual_seed(0)
+        image = torch.rand(400, 3, 4, 4)
+        same = (Recolor(gamma=0.0)(image) - image).abs().amax((1, 2, 3)) < 1e-6
+        assert 160 < int(same.sum()) < 240
+
+    def test_of_a_negative_strength_is_an_error(self):
+        with pytest.raises(ValueError, match="Recolor: gamma"):
+            Recolor(-0.1)
