@@ -51,7 +51,7 @@ class Template(Generator):
         light: also fit ``gain`` (above 0) and ``bias`` of the template's brightness, gain · picture + bias.
         oversampling: how many times finer, along each side, the grid is from which the warp reads; a cubic spline
             fills it in. At 1 the warp is bilinear between pixels, which blurs by how far a point lies between them,
-            and that draws a fit some hundredths of a pixel off the truth; 4 leaves some thousandths.
+            and so draws a fit about a hundredth of a pixel off the truth; 4 leaves half of that.
 
     Raises:
         TypeError, ValueError: for a picture of integers or of another shape, an unknown motion, and an oversampling
