@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import torch
 from kornia.geometry.conversions import quaternion_to_rotation_matrix
 from torch import Tensor
 
+from kfit.core import Observation
 from kfit.geometry.crop import Crop
 from kfit.geometry.pose import rotation_from_angles, to_opencv
 
@@ -162,6 +164,15 @@ def depth_along(depth: Tensor, pixel: Tensor, intrinsics: Tensor) -> Tensor:
     points = torch.linalg.solve(intrinsics, torch.stack([u, v, torch.ones_like(u)]).flatten(1).to(intrinsics))
     along: Tensor = depth * (viewing_ray(pixel.to(intrinsics), intrinsics) @ points).view(height, width).to(depth)
     return along
+
+
+def observed(crop: Crop, image: Any, mask: Any, depth: Any, intrinsics: Tensor) -> Observation:
+    """What `Crop.cut` gives, with the photo's depth (H, W) along the ray of the crop's middle, and the crop's camera.
+
+    Errors are those of `Crop.cut`.
+    """
+    along = depth_along(torch.as_tensor(depth), torch.tensor(crop.centre), intrinsics)
+    return replace(crop.cut(image, mask, along), intrinsics=(crop.image_to_crop @ intrinsics).float()[None])
 
 
 def _intrinsics(focal: float, width: int, height: int) -> Tensor:

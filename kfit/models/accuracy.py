@@ -14,8 +14,7 @@ from torch import Tensor
 from kfit.core import FitResult, Observation
 from kfit.data import build, pose_view
 from kfit.data.rasterizer import View, standard_intrinsics
-from kfit.geometry import Crop, depth_along, diagonal_at, pose_from_crop, rotation_error, rotation_from_angles
-from kfit.models.alternatives import alternatives, seen_share, warning
+from kfit.geometry import Crop, observed, rotation_error, rotation_from_angles
 from kfit.models.category_model import CategoryModel
 from kfit.pipeline import FitPipeline
 
@@ -23,6 +22,7 @@ from kfit.pipeline import FitPipeline
 HANDLE_SHARE = 0.02
 # A rotation error under which an answer is right where it is asked whether kfit knows that it is.
 RIGHT_DEG = 20.0
+FIELDS = ("image", "mask", "depth", "intrinsics")
 
 
 @dataclass(frozen=True)
@@ -63,16 +63,14 @@ def unseen_views(model: CategoryModel, num_views: int, seed: int = 0, photo_size
         azimuth, elevation = rng.uniform(-math.pi, math.pi), math.radians(rng.uniform(*card.elevation_deg))
         view = pose_view(mesh, elevation, azimuth, light, photo_size, card.distance, card.unit_fraction)
         crop, diagonal = Crop.around(view.mask), card.mean_diagonal * 1.2 ** rng.uniform(-1, 1)
-        depth = torch.from_numpy(np.where(view.mask > 0, diagonal * view.depth, 0.0))
-        depth = depth_along(depth, torch.tensor(crop.centre), camera)
-        pieces.append(crop.cut(_unblended(view), view.mask, depth))
+        depth = np.where(view.mask > 0, diagonal * view.depth, 0.0)
+        pieces.append(observed(crop, _unblended(view), view.mask, depth, camera))
         crops.append(crop)
         diagonals.append(diagonal)
         rotations.append(rotation_from_angles(*torch.tensor([azimuth, elevation, 0.0], dtype=torch.float64)))
         visible.append(card.category != "mug" or handle_share(view, mesh.extents) >= HANDLE_SHARE)
-    image, mask, depths = (torch.cat([piece.field(name) for piece in pieces]) for name in ("image", "mask", "depth"))
-    cameras = torch.stack([crop.image_to_crop @ camera for crop in crops]).float()
-    seen = Observation(image, mask, depths, intrinsics=cameras, keys=tuple(range(num_views)))
+    fields = {name: torch.cat([piece.field(name) for piece in pieces]) for name in FIELDS}
+    seen = Observation(**fields, keys=tuple(range(num_views)))
     distance = card.distance * torch.tensor(diagonals)
     return UnseenViews(seen, torch.stack(rotations), torch.tensor(visible), distance, crops, camera)
 
@@ -109,7 +107,7 @@ def rotation_errors(
     seen = views.observation
     for first in range(0, seen.num_problems, batch_size):
         rows = slice(first, first + batch_size)
-        fields = {name: seen.field(name)[rows] for name in ("image", "mask", "depth", "intrinsics")}
+        fields = {name: seen.field(name)[rows] for name in FIELDS}
         piece = Observation(**fields, keys=seen.keys[rows])
         result = pipeline(piece, seed=0)
         angles = (result.values[name].double() for name in ("azimuth", "elevation", "roll"))
@@ -122,33 +120,22 @@ def rotation_errors(
 
 def translation_errors(model: CategoryModel, views: UnseenViews, results: list[FitResult]) -> Tensor:
     """Distances in metres (N,) between where the objects are and where the fits of `rotation_errors` have them."""
-    card, errors = model.card, list[Tensor]()
+    errors: list[Tensor] = []
     for fit in (result.of(number) for result in results for number in range(len(result.energy))):
-        crop, truth = views.crops[len(errors)], views.distance[len(errors)]
-        values = {name: value.double() for name, value in fit.values.items()}
-        azimuth, elevation, roll = (values[name] for name in ("azimuth", "elevation", "roll"))
-        shift, scale, unit = values["shift"], values["scale"], card.unit_fraction
-        diagonal = torch.tensor([card.mean_diagonal], dtype=torch.float64)
-        if "distance" in values:
-            diagonal = diagonal_at(values["distance"], shift, scale, crop, views.intrinsics, unit)
-        _, found = pose_from_crop(azimuth, elevation, roll, shift, scale, crop, views.intrinsics, diagonal, unit)
-        errors.append((found[0] - truth * found.new_tensor([0.0, 0.0, 1.0])).norm())
+        truth = views.distance[len(errors)] * torch.tensor([0.0, 0.0, 1.0])
+        _, found, _ = model.placed(fit, views.crops[len(errors)], views.intrinsics)
+        errors.append((found[0] - truth).norm())
     return torch.stack(errors)
 
 
 def called_ambiguous(model: CategoryModel, views: UnseenViews, results: list[FitResult]) -> Tensor:
     """Whether each view's answer is said to be ambiguous, (N,): what `rotation_errors` found, judged as `pose` does."""
     said: list[bool] = []
-    symmetry = model.card.known.symmetry
     upright = torch.eye(3, dtype=torch.float64)
     for fit in (result.of(number) for result in results for number in range(len(result.energy))):
-        image, seen = views.observation.image[len(said) : len(said) + 1], None
-        if not len(fit.all_energy):  # no start was left
-            said.append(True)
-            continue
-        if model.pose_head is not None:
-            seen = seen_share(fit, image, model.pose_head, symmetry)
-        said.append(warning(alternatives(fit, upright, symmetry), seen, symmetry) is not None)
+        image = views.observation.image[len(said) : len(said) + 1]
+        # Where no start was left, nothing is sure.
+        said.append(not len(fit.all_energy) or model.judged(fit, upright, image)[1] is not None)
     return torch.tensor(said)
 
 

@@ -30,7 +30,7 @@ def alternatives(fit: FitResult, turn: Tensor, symmetry: Symmetry) -> list[Alter
         turn: (3, 3) from OpenCV axes of the fitted crop to those of the photo.
         symmetry: of the object.
     """
-    rotation, energy = turn @ to_opencv(_rotations(fit.all_values)), fit.all_energy.double()
+    rotation, energy = turn @ to_opencv(fitted_rotations(fit.all_values)), fit.all_energy.double()
     weight = energy_weights(energy)
     first = energy.masked_fill(fit.all_start == fit.start[0], -torch.inf)  # the winner's cluster, whatever chose it
     cluster = rotation_clusters(rotation, first, symmetry)
@@ -57,7 +57,7 @@ def seen_share(fit: FitResult, image: Tensor, head: PoseNetwork, symmetry: Symme
         share = head(image)[0].double().exp()
     roll = fit.values["roll"].double()[0]
     poses = rotation_from_angles(head.azimuths.double()[:, None], head.elevations.double(), roll)
-    near = rotation_error(_rotations(fit.values)[0], poses, symmetry).rad2deg() <= WITHIN_DEG
+    near = rotation_error(fitted_rotations(fit.values)[0], poses, symmetry).rad2deg() <= WITHIN_DEG
     return float(share[near].sum())
 
 
@@ -85,5 +85,6 @@ def warning(found: list[Alternative], seen: float | None, symmetry: Symmetry) ->
     return None
 
 
-def _rotations(values: dict[str, Tensor]) -> Tensor:
+def fitted_rotations(values: dict[str, Tensor]) -> Tensor:
+    """Rotations (N, 3, 3) of a fit's values, in the generator's frame."""
     return rotation_from_angles(*(values[name].double() for name in ("azimuth", "elevation", "roll")))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -27,12 +26,12 @@ from kfit.core import (
 from kfit.energies import SSIM, CodePrior, Depth, Perceptual, PosePrior, Silhouette
 from kfit.features import EfficientNetLite0
 from kfit.generators import ExtentsHead, MetricDepth, SimilarityWarp
-from kfit.geometry import Crop, depth_along, diagonal_at, pose_from_crop, rotation_from_angles, to_opencv
+from kfit.geometry import Crop, diagonal_at, observed, pose_from_crop, to_opencv
 from kfit.initializers import Constant, EncoderPosterior, FromDepth, PosePosterior, SphereGrid
-from kfit.models.alternatives import alternatives, seen_share, warning
+from kfit.models.alternatives import alternatives, fitted_rotations, seen_share, warning
 from kfit.models.card import Card
 from kfit.models.given import as_photo, choose_camera, choose_depth, choose_mask
-from kfit.models.pose_result import PoseResult
+from kfit.models.pose_result import Alternative, PoseResult
 from kfit.optimizers import Adam
 from kfit.pipeline import FitPipeline
 from kfit.segmentation import Photo, Segmenter, load_segmenter, mask_from_alpha, read_photo
@@ -179,18 +178,35 @@ class CategoryModel:
         found = choose_mask(pixels, mask, box, alpha, segmenter, self.card.category, notes)
         camera, came_from = choose_camera(pixels, intrinsics, known, notes)
         crop = Crop.around(found, self._image_size)
-        observation = crop.cut(pixels, found)
-        if depth is not None:
-            along = depth_along(choose_depth(depth, found), torch.tensor(crop.centre), camera.double())
-            observation = replace(
-                crop.cut(pixels, found, along), intrinsics=(crop.image_to_crop @ camera.double()).float()[None]
-            )
+        if depth is None:
+            observation = crop.cut(pixels, found)
+        else:
+            observation = observed(crop, pixels, found, choose_depth(depth, found), camera.double())
         result = (pipeline or self.pipeline(depth=depth is not None))(observation, seed=seed)
         return self._answer(result, found, crop, camera, came_from, notes, observation)
 
     @property
     def _image_size(self) -> int:
         return int(getattr(self.generator, "image_size", 64))
+
+    def placed(self, fit: FitResult, crop: Crop, camera: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Rotation (1, 3, 3), translation (1, 3) and box diagonal (1,) in metres of a fit of one problem in the photo's
+        camera (3, 3): by the fitted distance where there is one, else by the category's mean size."""
+        values, unit = {name: value.double() for name, value in fit.values.items()}, self.card.unit_fraction
+        angles = (values["azimuth"], values["elevation"], values["roll"])
+        shift, scale, camera = values["shift"], values["scale"], camera.double()
+        diagonal = torch.tensor([self.card.mean_diagonal], dtype=torch.float64)
+        if "distance" in values:
+            diagonal = diagonal_at(values["distance"], shift, scale, crop, camera, unit)
+        return *pose_from_crop(*angles, shift, scale, crop, camera, diagonal, unit), diagonal
+
+    def judged(self, fit: FitResult, turn: Tensor, image: Tensor) -> tuple[list[Alternative], str | None]:
+        """The alternatives of a fit of one problem, and a sentence where its answer is ambiguous; see
+        `kfit.models.alternatives`."""
+        symmetry, head = self.card.known.symmetry, self.pose_head
+        found = alternatives(fit, turn, symmetry)
+        seen = None if head is None else seen_share(fit, image, head, symmetry)
+        return found, warning(found, seen, symmetry)
 
     def _answer(
         self,
@@ -202,25 +218,14 @@ class CategoryModel:
         notes: list[str],
         observation: Any,
     ) -> PoseResult:
-        values = {name: value.double() for name, value in fit.values.items()}
-        angles = (values["azimuth"], values["elevation"], values["roll"])
-        diagonal, seen_at = torch.tensor([self.card.mean_diagonal]).double(), values.get("distance")
-        shift, scale, unit = values["shift"], values["scale"], self.card.unit_fraction
-        if seen_at is not None:
-            diagonal = diagonal_at(seen_at, shift, scale, crop, camera.double(), unit)
-        rotation, translation = pose_from_crop(*angles, shift, scale, crop, camera.double(), diagonal, unit)
+        rotation, translation, diagonal = self.placed(fit, crop, camera)
         with torch.no_grad():
             extents = self.extents(fit.values["code"])[0].double()
             warped = SimilarityWarp(self.generator)
             drawing = warped(**{name: fit.values[name] for name in warped.variables}).image[0].permute(1, 2, 0)
         # From the crop's virtual camera to the photo's: the same turn for every start, up to their shifts.
-        turn = rotation[0] @ to_opencv(rotation_from_angles(*angles))[0].mT
-        symmetry = self.card.known.symmetry
-        found = alternatives(fit, turn, symmetry)
-        seen = None
-        if self.pose_head is not None:
-            seen = seen_share(fit, observation.image, self.pose_head, symmetry)
-        said = warning(found, seen, symmetry)
+        turn = rotation[0] @ to_opencv(fitted_rotations(fit.values))[0].mT
+        found, said = self.judged(fit, turn, observation.image)
         rows, columns = np.nonzero(mask > 0.5)
         left, top = int(columns.min()), int(rows.min())
         return PoseResult(
@@ -228,7 +233,7 @@ class CategoryModel:
             rotation=rotation[0].numpy(),
             translation=translation[0].numpy(),
             size=(extents * diagonal).numpy(),
-            size_from="mean size" if seen_at is None else "depth",
+            size_from="depth" if "distance" in fit.values else "mean size",
             bbox_xywh=(left, top, int(columns.max()) + 1 - left, int(rows.max()) + 1 - top),
             energy=float(fit.energy[0]),
             confidence=found[0].weight,
