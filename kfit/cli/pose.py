@@ -80,7 +80,7 @@ def run(said: Namespace) -> None:
     import numpy as np
 
     from kfit.models import load
-    from kfit.segmentation import depth_from_file, load_segmenter, mask_from_file, read_photo
+    from kfit.segmentation import depth_from_file, mask_from_file, read_photo
 
     if said.model is not None and not said.model.endswith(".safetensors"):
         raise ValueError(f"--model must name a .safetensors file, got {said.model}")
@@ -88,7 +88,6 @@ def run(said: Namespace) -> None:
     photo = read_photo(said.photo)
     mask = None if said.mask is None else mask_from_file(said.mask, photo.image.shape[:2])
     depth = None if said.depth is None else depth_from_file(said.depth, photo.image.shape[:2])
-    segmenter = None if said.segmenter is None else load_segmenter(said.segmenter)
     camera = None
     if said.intrinsics is not None:
         fx, fy, cx, cy = said.intrinsics
@@ -104,7 +103,7 @@ def run(said: Namespace) -> None:
         box=box,
         intrinsics=camera,
         depth=depth,
-        segmenter=segmenter,
+        segmenter=said.segmenter,
         seed=said.seed,
         pipeline=pipeline,
     )
