@@ -7,10 +7,10 @@ from typing import Any
 
 import torch
 from torch import Tensor
-from torch.nn import functional as F
 
 from kfit.core import Observation, PoseNetwork, Prior, frozen
 from kfit.core.check import check_range
+from kfit.geometry import log_shares
 
 
 class PosePrior(Prior):
@@ -45,7 +45,6 @@ class PosePrior(Prior):
     def forward(self, value: dict[str, Tensor], prepared: Any = None) -> Tensor:
         azimuths, elevations = self.head.azimuths, self.head.elevations
         width = float(elevations[1] - elevations[0]) if len(elevations) > 1 else math.pi
-        turned = (torch.cos(value["azimuth"][:, None] - azimuths) - 1) / width**2
-        tipped = -0.5 * ((value["elevation"][:, None] - elevations) / width).square()
-        near = torch.einsum("nae,na,ne->n", prepared, F.softmax(turned, 1), F.softmax(tipped, 1))
+        turned, tipped = log_shares(value["azimuth"], value["elevation"], azimuths, elevations, width)
+        near = torch.einsum("nae,na,ne->n", prepared, turned.exp(), tipped.exp())
         return -torch.log((1 - self.floor) * near + self.floor)

@@ -12,7 +12,7 @@ from torch.nn import functional as F
 
 from kfit.core import PoseNetwork
 from kfit.core.check import check_range
-from kfit.geometry.pose import Symmetry
+from kfit.geometry import Symmetry, log_shares
 
 
 class PoseHead(PoseNetwork):
@@ -86,11 +86,8 @@ class PoseHead(PoseNetwork):
         Returns:
             (N,).
         """
-        turned = ((azimuth[:, None] - self.azimuths).cos() - 1) / self.spread**2
-        if self.symmetry == "y":
-            turned = torch.zeros_like(turned)
-        tipped = -0.5 * ((elevation[:, None] - self.elevations) / self.spread).square()
-        target = F.log_softmax(turned, 1)[:, :, None] + F.log_softmax(tipped, 1)[:, None]
+        turned, tipped = log_shares(azimuth, elevation, self.azimuths, self.elevations, self.spread)
+        target = turned[:, :, None] + tipped[:, None]
         return F.kl_div(log_probability, target, reduction="none", log_target=True).sum((1, 2))
 
 
