@@ -15,12 +15,16 @@ from kfit.geometry.categories import CATEGORIES, Category
 KNOWN: dict[str, Callable[[Category], object]] = {
     "generator.init_args.unit_fraction": lambda category: category.unit_fraction,
     "pose_head.init_args.symmetry": lambda category: category.symmetry,
+    "regressor.init_args.symmetry": lambda category: category.symmetry,
+    "unit_fraction": lambda category: category.unit_fraction,
 }
 COMMANDS = ("fit", "validate", "test", "predict")
 
 
 class _CLI(LightningCLI):
     def before_instantiate_classes(self) -> None:
+        if self.subcommand == "predict":
+            self.save_config_callback = None  # it would write into the working folder; results tell their settings
         # Not `link_arguments`: checkpoints leave out what it fills in, and could not be rebuilt.
         config = self.config.get(str(self.subcommand), self.config)
         category = CATEGORIES.get(str(config.get("data.init_args.category")))
@@ -32,7 +36,8 @@ class _CLI(LightningCLI):
 def main(args: Sequence[str] | None = None) -> None:
     """Run Lightning's command line: fit, validate, test or predict, as a recipe says.
 
-    Parts are named by import path (``class_path``), so a class in a file of the working folder serves as it is.
+    Parts are named by import path (``class_path``), so a class in a file of the working folder serves as it is. A
+    user's mistake ends in one sentence on stderr and exit status 2; the variable KFIT_DEBUG asks for the traceback.
 
     Args:
         args: words after the program's name; those of the process unless given.
@@ -40,15 +45,23 @@ def main(args: Sequence[str] | None = None) -> None:
     # A console script does not see the working folder. Last, so that it can shadow nothing.
     if os.getcwd() not in sys.path:
         sys.path.append(os.getcwd())
-    _CLI(
-        LightningModule,
-        LightningDataModule,
-        subclass_mode_model=True,
-        subclass_mode_data=True,
-        auto_configure_optimizers=False,
-        seed_everything_default=0,
-        save_config_kwargs={"overwrite": True},
-        # The usage that would be listed otherwise names some eighty options before it comes to what is wrong.
-        parser_kwargs={name: {"usage": f"lightning {name} -c RECIPE [--OPTION VALUE …]"} for name in COMMANDS},
-        args=list(args) if args is not None else None,
-    )
+    # Lightning warns of words given twice, which `kfit fit` would be.
+    words = None if args is None or list(args) == sys.argv[1:] else list(args)
+    try:
+        _CLI(
+            LightningModule,
+            LightningDataModule,
+            subclass_mode_model=True,
+            subclass_mode_data=True,
+            auto_configure_optimizers=False,
+            seed_everything_default=0,
+            save_config_kwargs={"overwrite": True},
+            # The usage that would be listed otherwise names some eighty options before it comes to what is wrong.
+            parser_kwargs={name: {"usage": f"lightning {name} -c RECIPE [--OPTION VALUE …]"} for name in COMMANDS},
+            args=words,
+        )
+    except (ValueError, TypeError, OSError, RuntimeError, ImportError) as error:
+        if os.environ.get("KFIT_DEBUG"):
+            raise
+        print(f"kfit: {error}", file=sys.stderr)
+        raise SystemExit(2) from None

@@ -26,15 +26,15 @@ from kfit.core import (
 from kfit.energies import SSIM, CodePrior, Depth, Perceptual, PosePrior, Silhouette
 from kfit.features import EfficientNetLite0
 from kfit.generators import ExtentsHead, MetricDepth, SimilarityWarp
-from kfit.geometry import Crop, diagonal_at, observed, pose_from_crop, to_opencv
+from kfit.geometry import Crop, diagonal_at, pose_from_crop, to_opencv
 from kfit.initializers import Constant, EncoderPosterior, FromDepth, PosePosterior, SphereGrid
 from kfit.models.alternatives import alternatives, fitted_rotations, seen_share, warning
 from kfit.models.card import Card
-from kfit.models.given import as_photo, choose_camera, choose_depth, choose_mask
 from kfit.models.pose_result import Alternative, PoseResult
+from kfit.models.sighting import Sighting
 from kfit.optimizers import Adam
 from kfit.pipeline import FitPipeline
-from kfit.segmentation import Photo, Segmenter, load_segmenter, mask_from_alpha, read_photo
+from kfit.segmentation import Photo, Segmenter
 
 # Raw units a step, as the released code fits (neural_object_fitting@7309348): half-turns for angles.
 RATES = {"code": 0.3, "azimuth": 0.03, "elevation": 0.01, "roll": 0.01, "shift": 0.03, "scale": 0.03}
@@ -165,28 +165,13 @@ class CategoryModel:
             FileNotFoundError, ValueError: for a photo, mask, box, intrinsics or depth that cannot be used, in one
                 sentence.
         """
-        notes: list[str] = []
-        alpha, known = None, None
-        if isinstance(image, str | Path | Photo):
-            photo = image if isinstance(image, Photo) else read_photo(image)
-            pixels, known = photo.image, photo.intrinsics
-            alpha = None if photo.alpha is None else mask_from_alpha(photo.alpha)
-        else:
-            pixels = as_photo(image)
-        if isinstance(segmenter, str | Path):
-            segmenter = load_segmenter(segmenter)
-        found = choose_mask(pixels, mask, box, alpha, segmenter, self.card.category, notes)
-        camera, came_from = choose_camera(pixels, intrinsics, known, notes)
-        crop = Crop.around(found, self._image_size)
-        if depth is None:
-            observation = crop.cut(pixels, found)
-        else:
-            observation = observed(crop, pixels, found, choose_depth(depth, found), camera.double())
-        result = (pipeline or self.pipeline(depth=depth is not None))(observation, seed=seed)
-        return self._answer(result, found, crop, camera, came_from, notes, observation)
+        seen = Sighting.of(image, self.card.category, self.image_size, mask, box, intrinsics, depth, segmenter)
+        fit = (pipeline or self.pipeline(depth=depth is not None))(seen.observation, seed=seed)
+        return self.answer(fit, seen)
 
     @property
-    def _image_size(self) -> int:
+    def image_size(self) -> int:
+        """Side in pixels of the pictures that the generator draws."""
         return int(getattr(self.generator, "image_size", 64))
 
     def placed(self, fit: FitResult, crop: Crop, camera: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -208,25 +193,17 @@ class CategoryModel:
         seen = None if head is None else seen_share(fit, image, head, symmetry)
         return found, warning(found, seen, symmetry)
 
-    def _answer(
-        self,
-        fit: FitResult,
-        mask: NDArray[np.float32],
-        crop: Crop,
-        camera: Tensor,
-        came_from: str,
-        notes: list[str],
-        observation: Any,
-    ) -> PoseResult:
-        rotation, translation, diagonal = self.placed(fit, crop, camera)
+    def answer(self, fit: FitResult, seen: Sighting) -> PoseResult:
+        """What a fit of one problem says of the object that was seen."""
+        rotation, translation, diagonal = self.placed(fit, seen.crop, seen.intrinsics)
         with torch.no_grad():
             extents = self.extents(fit.values["code"])[0].double()
             warped = SimilarityWarp(self.generator)
             drawing = warped(**{name: fit.values[name] for name in warped.variables}).image[0].permute(1, 2, 0)
         # From the crop's virtual camera to the photo's: the same turn for every start, up to their shifts.
         turn = rotation[0] @ to_opencv(fitted_rotations(fit.values))[0].mT
-        found, said = self.judged(fit, turn, observation.image)
-        rows, columns = np.nonzero(mask > 0.5)
+        found, said = self.judged(fit, turn, seen.observation.image)
+        rows, columns = np.nonzero(seen.mask > 0.5)
         left, top = int(columns.min()), int(rows.min())
         return PoseResult(
             category=self.card.category,
@@ -239,12 +216,12 @@ class CategoryModel:
             confidence=found[0].weight,
             ambiguous=said is not None,
             alternatives=found,
-            intrinsics=camera.double().numpy(),
-            intrinsics_from=came_from,
-            notes=notes if said is None else [*notes, said],
-            mask=mask,
-            crop=crop,
-            observation=observation,
+            intrinsics=seen.intrinsics.double().numpy(),
+            intrinsics_from=seen.intrinsics_from,
+            notes=[*seen.notes, *([] if said is None else [said])],
+            mask=seen.mask,
+            crop=seen.crop,
+            observation=seen.observation,
             drawing=drawing.numpy(),
             fit=fit,
         )

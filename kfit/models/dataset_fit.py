@@ -1,0 +1,237 @@
+"""Fitting a whole data set under any of Lightning's strategies, so that an interrupted run goes on where it stood."""
+
+from __future__ import annotations
+
+import hashlib
+import sys
+import warnings
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import torch
+from lightning import LightningModule
+from torch import Tensor, nn
+from torch.utils import _pytree as pytree
+
+from kfit.core import FitError, FitResult, Observation
+from kfit.core.check import check_names
+from kfit.geometry import CATEGORIES
+from kfit.models.category_model import CategoryModel
+from kfit.models.fit_data import FitData, ImageToFit, ObjectToFit, Unreadable
+from kfit.models.load import BUNDLED, bundled, load
+from kfit.models.pose_result import PoseResult
+from kfit.models.results_folder import ResultsFolder
+from kfit.models.sighting import Sighting
+
+
+class DatasetFit(LightningModule):
+    """Fits every object of a `kfit.models.fit_data.FitData` and writes one file an image, whole or not at all.
+
+    For ``lightning predict`` or `lightning.Trainer.predict`. Images whose result is there are left alone, so a run that
+    was killed is gone on with by the same command. The first process decides what is left and all take their share of
+    it before anyone fits. The settings are kept in ``fit.json`` beside the results, and a run with others is refused.
+
+    An object's result depends on the seed and its image alone, with data of ``batch_size`` 1 to the last bit (on one
+    kind of machine). For that each process computes with one thread, as their number would change the rounding: start
+    as many processes as there are cores. Images that cannot be read and objects that cannot be fitted are warned of
+    and counted, and the run goes on; objects of categories without a model are counted.
+
+    Args:
+        out: folder for the results.
+        models: .safetensors files by category, beside the bundled models or in their place.
+        num_starts, num_steps: as in `kfit.FitPipeline`.
+        depth: use the images' depth, which fixes distance and size; models that draw none count as missing.
+        seed: decides the random numbers.
+    """
+
+    def __init__(
+        self,
+        out: Path = Path("results"),
+        models: dict[str, Path] | None = None,
+        num_starts: int = 32,
+        num_steps: int = 50,
+        depth: bool = False,
+        seed: int = 0,
+    ) -> None:
+        super().__init__()
+        self.folder, self.depth, self.seed = ResultsFolder(Path(out)), depth, seed
+        self.num_starts, self.num_steps = num_starts, num_steps
+        self.files = {name: BUNDLED / f"{name}.safetensors" for name in bundled()}
+        self.files |= {name: Path(path) for name, path in (models or {}).items()}
+        self.models: dict[str, CategoryModel] = {}
+        self.pipelines = nn.ModuleDict()
+        self.counts: Counter[str] = Counter()
+        self.modelless: Counter[str] = Counter()
+
+    def setup(self, stage: str) -> None:
+        """Load the models, and agree with the other processes on what is left.
+
+        Raises:
+            FileNotFoundError, ValueError: in the first process, for data, models or a folder that cannot be used; the
+                others just end.
+        """
+        data: Any = self.trainer.datamodule  # type: ignore[attr-defined]
+        if not isinstance(data, FitData):
+            raise TypeError(f"data must be a kfit.models.fit_data.FitData, got {type(data).__name__}")
+        agreed: list[str] | Exception | None = None
+        if self.trainer.is_global_zero:
+            try:
+                self._load(data)
+                names = data.names()
+                agreed = self.folder.left(names, self._settings | data.settings)
+                print(
+                    f"kfit: {len(agreed)} of {len(names)} images are to be fitted into {self.folder.path}",
+                    file=sys.stderr,
+                )
+            except (OSError, ValueError) as error:
+                agreed = error
+        agreed = self.trainer.strategy.broadcast(agreed)
+        if not isinstance(agreed, list):
+            # Ended with a failure, they would have Lightning kill the first before it can tell.
+            raise agreed if self.trainer.is_global_zero and agreed is not None else SystemExit(0)
+        if not self.trainer.is_global_zero:
+            self._load(data)
+        data.left = agreed
+
+    def on_predict_start(self) -> None:
+        """Compute with one thread, so that results do not depend on how many processes share the cores."""
+        self._num_threads = torch.get_num_threads()
+        torch.set_num_threads(1)
+
+    def predict_step(self, batch: list[ImageToFit | Unreadable], batch_idx: int) -> int:
+        """Fit the objects of some images, those of a category at once, and write the images' results.
+
+        Returns:
+            Number of objects fitted.
+        """
+        data: Any = self.trainer.datamodule  # type: ignore[attr-defined]
+        images = []
+        for image in batch:
+            if isinstance(image, Unreadable):
+                self.counts["unreadable"] += 1
+                warnings.warn(f"there will be no {image.name}: {image.why}", stacklevel=1)
+            elif not self.folder.has(image.name):  # by another run, since
+                images.append(image)
+        things = [(image, thing) for image in images for thing in image.objects]
+        answers: dict[int, PoseResult | str] = {}
+        for category in sorted({thing.category for _, thing in things}):
+            group = [(image, thing) for image, thing in things if thing.category == category]
+            answers |= {id(thing): said for (_, thing), said in zip(group, self._fit(category, group), strict=True)}
+        for image in images:
+            self._keep(data, image, [answers[id(thing)] for thing in image.objects])
+        return sum(isinstance(answer, PoseResult) for answer in answers.values())
+
+    def on_predict_end(self) -> None:
+        """Say what was done, and wait for the processes that were started on this machine."""
+        torch.set_num_threads(self._num_threads)
+        parts = [f"{self.counts['objects']} objects in {self.counts['images']} images fitted into {self.folder.path}"]
+        parts += [
+            f"{count} {name} not, for there is {self._no_model}" for name, count in sorted(self.modelless.items())
+        ]
+        if self.counts["unfitted"]:
+            parts.append(f"{self.counts['unfitted']} other objects not")
+        if self.counts["unreadable"]:
+            parts.append(f"{self.counts['unreadable']} images cannot be used")
+        count = self.trainer.world_size
+        who = f" process {self.trainer.global_rank + 1} of {count}:" if count > 1 else ""
+        print(f"kfit:{who} {'; '.join(parts)}", file=sys.stderr)
+        # A barrier would give up after half an hour, and Lightning's launcher does not wait.
+        for process in getattr(self.trainer.strategy.launcher, "procs", []):
+            process.wait()
+
+    def _load(self, data: FitData) -> None:
+        check_names("models", self.files, CATEGORIES)
+        for category in data.categories:
+            if category not in self.files:
+                continue
+            model = load(self.files[category])
+            if model.card.category != category:
+                raise ValueError(f"models: {self.files[category]} is of the category {model.card.category}")
+            if self.depth and not _draws_depth(model):
+                continue
+            self.models[category] = model
+            self.pipelines[category] = model.pipeline(self.num_starts, self.num_steps, depth=self.depth)
+        if not self.models:
+            names = ", ".join(data.categories)
+            known = ", ".join(sorted(self.files))
+            raise ValueError(f"there is {self._no_model} of {names}; there are models of {known}")
+
+    @property
+    def _no_model(self) -> str:
+        return "no model that draws depth" if self.depth else "no model"
+
+    @property
+    def _settings(self) -> dict[str, Any]:
+        said = {name: getattr(self, name) for name in ("num_starts", "num_steps", "depth", "seed")}
+        return said | {f"model of {name}": _digest(self.files[name]) for name in sorted(self.models)}
+
+    def _fit(self, category: str, things: Sequence[tuple[ImageToFit, ObjectToFit]]) -> list[PoseResult | str]:
+        """Answers for objects of one category, or sentences."""
+        model = self.models.get(category)
+        if model is None:
+            self.modelless[category] += len(things)
+            return [f"there is {self._no_model} of the category"] * len(things)
+        seen: list[Sighting | str] = []
+        for image, thing in things:
+            try:
+                if self.depth and image.depth is None:
+                    raise ValueError("there is no depth of the image")
+                depth = image.depth if self.depth else None
+                seen.append(
+                    Sighting.of(
+                        image.image, category, model.image_size, thing.mask, intrinsics=image.intrinsics, depth=depth
+                    )
+                )
+            except ValueError as error:
+                seen.append(str(error))
+        there = [(one, thing.key) for one, (_, thing) in zip(seen, things, strict=True) if isinstance(one, Sighting)]
+        answers = iter(self._answers(category, [one for one, _ in there], tuple(key for _, key in there)))
+        return [next(answers) if isinstance(one, Sighting) else one for one in seen]
+
+    def _answers(self, category: str, seen: list[Sighting], keys: tuple[int, ...]) -> list[PoseResult | str]:
+        if not seen:
+            return []
+        names = [
+            name for name in ("image", "mask", "depth", "intrinsics") if getattr(seen[0].observation, name) is not None
+        ]
+        fields = {name: torch.cat([one.observation.field(name) for one in seen]).to(self.device) for name in names}
+        try:
+            fit = _on_cpu(self.pipelines[category](Observation(**fields, keys=keys), seed=self.seed))
+        except FitError as error:
+            return [str(error)] * len(seen)
+        return [
+            self.models[category].answer(fit.of(index), one)
+            if fit.start[index] >= 0
+            else "every start of the fit became NaN or infinite"
+            for index, one in enumerate(seen)
+        ]
+
+    def _keep(self, data: FitData, image: ImageToFit, answers: Sequence[PoseResult | str]) -> None:
+        self.counts["objects"] += sum(isinstance(answer, PoseResult) for answer in answers)
+        for thing, answer in zip(image.objects, answers, strict=True):
+            if isinstance(answer, str) and thing.category in self.models:
+                self.counts["unfitted"] += 1
+                warnings.warn(f"a {thing.category} of {image.name} is not fitted: {answer}", stacklevel=1)
+        if self.folder.write(image.name, lambda path: data.write(path, image, answers)):
+            self.counts["images"] += 1
+
+
+def _draws_depth(model: CategoryModel) -> bool:
+    with torch.no_grad():
+        zeros = {name: torch.zeros(1, *variable.shape) for name, variable in model.generator.variables.items()}
+        return model.generator(**zeros).depth is not None
+
+
+def _on_cpu(fit: FitResult) -> FitResult:
+    """The fit without its history on the CPU, where its answer is made."""
+    parts = ("values", "energy", "start", "all_problem", "all_start", "all_energy", "all_values")
+    moved = {name: pytree.tree_map_only(Tensor, Tensor.cpu, getattr(fit, name)) for name in parts}
+    return replace(fit, **moved)
+
+
+def _digest(path: Path) -> str:
+    """Tells one model from another: by its weights and its card."""
+    return hashlib.sha256(path.read_bytes() + path.with_suffix(".json").read_bytes()).hexdigest()[:12]
