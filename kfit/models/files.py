@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,6 +17,8 @@ from kfit.models.card import Card
 
 NETWORKS = ("generator", "encoder", "extents")
 OPTIONAL = ("pose_head",)
+# Where kfit's own networks are; loading torch before is in vain.
+HOMES = ("kfit.generators", "kfit.baselines")
 
 
 def write_model(path: Path, networks: dict[str, nn.Module], card: Card) -> None:
@@ -101,8 +104,8 @@ def _build(said: Any, name: str, path: Path) -> nn.Module:
     if not (isinstance(said, dict) and isinstance(said.get("class_path"), str)):
         raise ValueError(f"{path} names no class for the {name}")
     module, _, kind = said["class_path"].rpartition(".")
-    if module.split(".")[0] == "kfit":
-        import kfit.generators  # noqa: F401 — the home of kfit's own networks; loading torch before is in vain
+    if (home := ".".join(module.split(".")[:2])) in HOMES:
+        importlib.import_module(home)
     found = getattr(sys.modules.get(module), kind, None)
     if not (isinstance(found, type) and issubclass(found, nn.Module)):
         raise ValueError(

@@ -1,0 +1,7 @@
+"""Methods that kfit is compared with: a regressor of rotations, and one of object coordinates with what follows it."""
+
+from kfit.baselines.coordinate_pose import pose_of_coordinates
+from kfit.baselines.coordinate_regressor import CoordinateRegressor
+from kfit.baselines.orientation_regressor import OrientationRegressor
+
+__all__ = ["CoordinateRegressor", "OrientationRegressor", "pose_of_coordinates"]

@@ -1,0 +1,128 @@
+"""Teaching a network to read object coordinates off pictures."""
+
+from __future__ import annotations
+
+import inspect
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from kfit.baselines import CoordinateRegressor
+from kfit.data.rasterizer import DISTANCE
+from kfit.geometry import UNIT_FRACTION, rotation_from_angles
+from kfit.training.jitter import Jitter
+from kfit.training.recolor import Recolor
+from kfit.training.training import Training
+
+
+class CoordinateTraining(Training):
+    """Shows a regressor views of many objects, each with the object coordinates that its pixels see.
+
+    L = mean_n of `kfit.baselines.CoordinateRegressor.divergence`. Batches are those of `kfit.data.ViewsDataModule` with
+    depth; their targets are shown, whose coordinates follow from depth, pose and camera, see `coordinates_of`.
+
+    Args:
+        regressor: learns.
+        rate: largest learning rate of AdamW; it rises over the first twentieth of the steps and falls as a cosine.
+        weight_decay: of AdamW.
+        unit_fraction: of the views' camera: the share of the width that a unit diagonal spans; `lightning` sets the
+            category's.
+        distance: of the views' camera, in box diagonals.
+        jitter: how views are turned, shifted and scaled, and their coordinates with them; None shows them as they are.
+        recolor: how their colours are changed; None leaves them.
+        compile: compile the regressor (`torch.compile`). Without a C++ compiler training goes on uncompiled.
+
+    Raises:
+        ValueError: in training, for batches without depth, and when it starts, for a trainer without an end.
+    """
+
+    def __init__(
+        self,
+        regressor: CoordinateRegressor,
+        rate: float = 2e-3,
+        weight_decay: float = 1e-3,
+        unit_fraction: float = UNIT_FRACTION,
+        distance: float = DISTANCE,
+        jitter: Jitter | None = None,
+        recolor: Recolor | None = None,
+        compile: bool = False,
+    ) -> None:
+        super().__init__()
+        self.remember(inspect.currentframe())
+        self.regressor, self.rate, self.weight_decay = regressor, rate, weight_decay
+        self.unit_fraction, self.distance = unit_fraction, distance
+        self.jitter, self.recolor, self.compiles = jitter, recolor, compile
+
+    def on_fit_start(self) -> None:
+        if self.compiles:
+            self.compile_networks(self.regressor)
+
+    def forward(self, image: Tensor) -> Tensor:
+        """Logits (N, 3, B, S, S) of the coordinates that pictures (N, 3, S, S) show."""
+        said: Tensor = self.regressor(image)
+        return said
+
+    def training_step(self, batch: dict[str, Tensor], batch_idx: int) -> Tensor:
+        with torch.no_grad():
+            image, mask, truth = self._views(batch)
+            image = image if self.recolor is None else self.recolor(image)
+            if self.jitter is not None:
+                # What comes in from outside is 1: the ground's share is, and coordinates are 0 there beside 1.
+                parts = torch.cat([image, 1 - mask, 1 + mask * truth], 1)
+                image, ground, beside = self.jitter(parts).split([3, 1, 3], 1)
+                mask = 1 - ground
+                truth = (beside - 1) / mask.clamp_min(1e-3)
+        loss = self.regressor.divergence(self(image), truth, mask).mean()
+        self.log("train/coordinates", loss.detach(), prog_bar=True)
+        return loss
+
+    def validation_step(self, batch: dict[str, Tensor], batch_idx: int) -> None:
+        image, mask, truth = self._views(batch)
+        loss = self.regressor.divergence(self(image), truth, mask).mean()
+        self.log("val/coordinates", loss, prog_bar=True, batch_size=len(image), sync_dist=True)
+
+    def _views(self, batch: dict[str, Tensor]) -> tuple[Tensor, Tensor, Tensor]:
+        """Pictures, masks and true coordinates of a batch's targets."""
+        if "target_depth" not in batch:
+            raise ValueError("CoordinateTraining needs views with depth, and there is none in this data")
+        mask = batch["target_mask"]
+        angles = batch["azimuth"], batch["elevation"]
+        truth = coordinates_of(batch["target_depth"], *angles, self.unit_fraction, self.distance) * (mask > 0)
+        return batch["target"], mask, truth
+
+    def configure_optimizers(self) -> Any:
+        return self.adam(self.rate, self.weight_decay)
+
+
+def coordinates_of(
+    depth: Tensor,
+    azimuth: Tensor,
+    elevation: Tensor,
+    unit_fraction: float = UNIT_FRACTION,
+    distance: float = DISTANCE,
+) -> Tensor:
+    """Object coordinates of the points that the standard camera sees (`kfit.data.pose_view`).
+
+    X = Rᵀ (x (d + D), y (d + D), −d) with R = Rx(elevation) · Ry(azimuth), pixel (u, v) of S × S on the ray (x, y, −1),
+    x = (u − (S − 1) / 2) / f, y = ((S − 1) / 2 − v) / f, f = unit_fraction · S · D.
+
+    Args:
+        depth: d (N, 1, S, S) in box diagonals relative to the object's centre.
+        azimuth, elevation: (N,) in radians.
+        unit_fraction: share of the picture's width that a unit diagonal at the centre spans.
+        distance: D of the camera from the centre, in box diagonals.
+
+    Returns:
+        (N, 3, S, S) in box diagonals, in the object's frame.
+    """
+    size = depth.shape[-1]
+    # Out of autocast, whose halves would move points by a hundredth of the object.
+    with torch.autocast(depth.device.type, enabled=False):
+        along = (torch.arange(size, device=depth.device, dtype=depth.dtype) - (size - 1) / 2) / (
+            unit_fraction * size * distance
+        )
+        away = depth + distance
+        seen = torch.cat([along * away, -along[:, None] * away, -depth], 1)
+        rotation = rotation_from_angles(azimuth, elevation, torch.zeros_like(azimuth)).to(depth.dtype)
+        return torch.einsum("nji,njhw->nihw", rotation, seen)

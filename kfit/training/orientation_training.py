@@ -1,0 +1,101 @@
+"""Teaching the paper's baseline to read rotations off pictures."""
+
+from __future__ import annotations
+
+import inspect
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from kfit.baselines import OrientationRegressor
+from kfit.geometry import rotation_error, rotation_from_angles
+from kfit.training.disturb import Disturb
+from kfit.training.jitter import Jitter
+from kfit.training.training import Training
+
+
+class OrientationTraining(Training):
+    """Shows a regressor views of many objects, each with its true rotation.
+
+    L = mean_n (1 − cos θ_n), see `kfit.baselines.OrientationRegressor.distance`. Batches are those of
+    `kfit.data.ViewsDataModule`, whose sources and targets are all shown.
+
+    Args:
+        regressor: learns.
+        rate: largest learning rate of AdamW; it rises over the first twentieth of the steps and falls as a cosine.
+        weight_decay: of AdamW.
+        weights: path of VGG16's ImageNet weights to start from, see `kfit.baselines.OrientationRegressor.fill`; from
+            nothing where none is given.
+        disturb: what is hidden, made brighter or darker and shifted; None shows views as they are.
+        jitter: how views are scaled before that. Views are taken as upright, so its ``roll_deg`` should be 0.
+        compile: compile the regressor (`torch.compile`). Without a C++ compiler training goes on uncompiled.
+
+    Raises:
+        ValueError: when training starts, for a trainer without an end, and at once, for weights of another network.
+        FileNotFoundError: if there is no file of weights.
+    """
+
+    def __init__(
+        self,
+        regressor: OrientationRegressor,
+        rate: float = 3e-4,
+        weight_decay: float = 1e-2,
+        weights: str | None = None,
+        disturb: Disturb | None = None,
+        jitter: Jitter | None = None,
+        compile: bool = False,
+    ) -> None:
+        super().__init__()
+        self.remember(inspect.currentframe())
+        if weights is not None:
+            regressor.fill(weights)
+        self.regressor, self.rate, self.weight_decay = regressor, rate, weight_decay
+        self.disturb, self.jitter, self.compiles = disturb, jitter, compile
+        self._errors: list[Tensor] = []
+
+    def on_fit_start(self) -> None:
+        if self.compiles:
+            self.compile_networks(self.regressor)
+
+    def forward(self, image: Tensor) -> Tensor:
+        """Rotations (N, 3, 3) that pictures (N, 3, S, S) show."""
+        said: Tensor = self.regressor(image)
+        return said
+
+    def training_step(self, batch: dict[str, Tensor], batch_idx: int) -> Tensor:
+        image, mask, truth = _views(batch)
+        with torch.no_grad():
+            if self.jitter is not None:
+                # What comes in from outside is 1, which for the ground's share is right too.
+                image, ground = self.jitter(torch.cat([image, 1 - mask], 1)).split([3, 1], 1)
+                mask = 1 - ground
+            if self.disturb is not None:
+                image, _ = self.disturb(image, mask)
+        loss = self.regressor.distance(self(image), truth).mean()
+        self.log("train/rotation", loss.detach(), prog_bar=True)
+        return loss
+
+    def on_validation_epoch_start(self) -> None:
+        self._errors = []
+
+    def validation_step(self, batch: dict[str, Tensor], batch_idx: int) -> None:
+        image, _, truth = _views(batch)
+        said = self(image)
+        loss = self.regressor.distance(said, truth).mean()
+        self.log("val/rotation", loss, batch_size=len(image), sync_dist=True)
+        self._errors.append(rotation_error(said, truth, self.regressor.symmetry).rad2deg())
+
+    def on_validation_epoch_end(self) -> None:
+        # The median of each process, averaged over them.
+        self.log("val/rotation_deg", torch.cat(self._errors).median(), prog_bar=True, sync_dist=True)
+
+    def configure_optimizers(self) -> Any:
+        return self.adam(self.rate, self.weight_decay)
+
+
+def _views(batch: dict[str, Tensor]) -> tuple[Tensor, Tensor, Tensor]:
+    """Pictures, masks and true rotations of a batch's sources and targets, one after the other."""
+    image, mask = (torch.cat([batch[f"{view}{part}"] for view in ("source", "target")]) for part in ("", "_mask"))
+    azimuth, elevation = (torch.cat([batch[f"source_{angle}"], batch[angle]]) for angle in ("azimuth", "elevation"))
+    return image, mask, rotation_from_angles(azimuth, elevation, torch.zeros_like(azimuth))

@@ -1,0 +1,134 @@
+"""Teaching the VGG16 baseline: all views are shown, disturbed in training alone, and its checkpoint gives it back."""
+
+from pathlib import Path
+
+import pytest
+import torch
+from lightning.pytorch import Trainer
+from torch.utils.data import DataLoader
+
+from kfit.baselines import OrientationRegressor
+from kfit.cli.lightning import main
+from kfit.geometry import rotation_error, rotation_from_angles
+from kfit.models import read_checkpoint
+from kfit.training import Disturb, Jitter, OrientationTraining
+
+SIDE = 32
+quiet = pytest.mark.filterwarnings(
+    "ignore:.*does not have many workers", r"ignore:`isinstance\(treespec, LeafSpec\)` is deprecated:FutureWarning"
+)
+
+
+def build(**changes):
+    torch.manual_seed(0)
+    return OrientationTraining(OrientationRegressor(hidden_dim=8, image_size=SIDE), **changes)
+
+
+def batch(rows=3, seed=0):
+    rng = torch.Generator().manual_seed(seed)
+    views = {name: torch.rand(rows, 3, SIDE, SIDE, generator=rng) for name in ("source", "target")}
+    masks = {name: torch.ones(rows, 1, SIDE, SIDE) for name in ("source_mask", "target_mask")}
+    angles = ("source_azimuth", "source_elevation", "azimuth", "elevation")
+    return views | masks | {name: torch.rand(rows, generator=rng) for name in angles}
+
+
+def truth_of(given):
+    azimuth, elevation = (torch.cat([given[f"source_{name}"], given[name]]) for name in ("azimuth", "elevation"))
+    return rotation_from_angles(azimuth, elevation, torch.zeros(len(azimuth)))
+
+
+@pytest.fixture
+def logged(monkeypatch):
+    told = {}
+    monkeypatch.setattr(
+        OrientationTraining, "log", lambda self, name, value, **settings: told.update({name: float(value)})
+    )
+    return told
+
+
+def test_the_loss_is_the_mean_distance_of_sources_and_targets_and_the_median_error_is_told(logged):
+    module, given = build().eval(), batch()
+    with torch.no_grad():
+        loss = module.training_step(given, 0)
+        module.on_validation_epoch_start()
+        module.validation_step(given, 0)
+        module.on_validation_epoch_end()
+        said = module(torch.cat([given["source"], given["target"]]))
+    errors = rotation_error(said, truth_of(given))
+    torch.testing.assert_close(loss, (1 - errors.cos()).mean())
+    expected = {"train/rotation": loss, "val/rotation": loss, "val/rotation_deg": errors.rad2deg().median()}
+    assert logged == {name: pytest.approx(float(value)) for name, value in expected.items()}
+
+
+def test_views_are_scaled_then_disturbed_in_training_alone(logged):
+    seen = []
+
+    def disturb(image, mask):
+        seen.append(mask)
+        return image / 2, mask
+
+    module = build(jitter=Jitter(0.0, 0.0, 1.0), disturb=disturb).eval()
+    module.regressor.register_forward_pre_hook(lambda _, inputs: seen.append(inputs[0]))
+    given = batch()
+    with torch.no_grad():
+        module.training_step(given, 0)
+        module.on_validation_epoch_start()
+        module.validation_step(given, 0)
+    shown = torch.cat([given["source"], given["target"]])
+    torch.testing.assert_close(seen[0], torch.ones(6, 1, SIDE, SIDE), atol=1e-4, rtol=0)
+    torch.testing.assert_close(seen[1], shown / 2, atol=1e-4, rtol=0)
+    torch.testing.assert_close(seen[2], shown)
+
+
+def test_the_mask_follows_the_jitter():
+    module = build(
+        jitter=Jitter(0.0, 0.0, 3.0), disturb=lambda image, mask: seen.append((image, mask)) or (image, mask)
+    )
+    module.log, seen, given = lambda *told, **settings: None, [], batch()
+    middle = torch.zeros(3, 1, SIDE, SIDE)
+    middle[..., 8:24, 8:24] = 1
+    given |= {f"{view}_mask": middle for view in ("source", "target")}
+    given |= {view: (1 - middle).expand(-1, 3, -1, -1) for view in ("source", "target")}
+    module.training_step(given, 0)
+    image, mask = seen[0]
+    torch.testing.assert_close(mask, 1 - image[:, :1])
+    assert not torch.allclose(mask[0], mask[1])
+
+
+@quiet
+def test_a_step_moves_the_regressor_and_the_checkpoint_holds_plain_data_alone(tmp_path):
+    module, one = build(disturb=Disturb()), DataLoader([batch()], batch_size=None)
+    before = module.regressor.features[0].weight.detach().clone()
+    trainer = Trainer(
+        default_root_dir=tmp_path, max_epochs=1, accelerator="cpu", logger=False, enable_checkpointing=False,
+        enable_progress_bar=False, enable_model_summary=False,
+    )  # fmt: skip
+    trainer.fit(module, one, one)
+    assert not torch.equal(module.regressor.features[0].weight, before)
+    assert 0 <= float(trainer.callback_metrics["val/rotation_deg"]) <= 180
+    trainer.save_checkpoint(tmp_path / "all.ckpt")
+    saved = torch.load(tmp_path / "all.ckpt", weights_only=True)
+    assert dict(saved["hyper_parameters"]) == {
+        "rate": 3e-4, "weight_decay": 1e-2, "weights": None, "jitter": None, "compile": False,
+    }  # fmt: skip
+
+
+@pytest.mark.slow
+@quiet
+@pytest.mark.filterwarnings("ignore:.*")  # of what Lightning says about so short a run
+def test_the_recipe_trains_and_its_checkpoint_gives_the_regressor_back(tmp_path, monkeypatch):
+    monkeypatch.setattr("sys.argv", ["lightning"])
+    monkeypatch.setenv("JSONARGPARSE_DEPRECATION_WARNINGS", "off")
+    words = {
+        "trainer.max_epochs": 1, "trainer.limit_train_batches": 1, "trainer.accelerator": "cpu",
+        "trainer.default_root_dir": tmp_path, "trainer.enable_progress_bar": "false", "model.compile": "false",
+        "data.category": "can", "data.num_objects": 2, "data.num_views": 2, "data.num_val_objects": 1,
+        "data.cache_dir": tmp_path / "cache", "data.batch_size": 2,
+    }  # fmt: skip
+    recipe = Path(__file__).parents[2] / "recipes/regressor.yaml"
+    main(["fit", "-c", str(recipe), *(str(word) for name, value in words.items() for word in (f"--{name}", value))])
+    path = next(tmp_path.rglob("last.ckpt"))
+    networks, saved = read_checkpoint(path, ("regressor",))
+    assert isinstance(networks["regressor"], OrientationRegressor)
+    assert networks["regressor"].symmetry == "y"
+    assert saved["datamodule_hyper_parameters"]["category"] == "can"
