@@ -9,9 +9,9 @@ from pathlib import Path
 
 from jsonargparse import ArgumentParser, Namespace
 
-from kfit.cli import bench_optimizers, bench_registration
+from kfit.cli import bench_optimizers, bench_paper, bench_registration
 
-BENCHMARKS = {"optimizers": bench_optimizers, "registration": bench_registration}
+BENCHMARKS = {"optimizers": bench_optimizers, "registration": bench_registration, "paper": bench_paper}
 
 
 def parser() -> ArgumentParser:

@@ -46,19 +46,23 @@ class UnseenViews:
     intrinsics: Tensor
 
 
-def unseen_views(model: CategoryModel, num_views: int, seed: int = 0, photo_size: int = 256) -> UnseenViews:
+def unseen_views(
+    model: CategoryModel, num_views: int, seed: int = 0, photo_size: int = 256, training: bool = False
+) -> UnseenViews:
     """Draw one view each of ``num_views`` objects of seeds and of shape and texture families held out of training.
 
     Azimuths over the full circle, elevations over the card's range, the training camera; each is drawn as a photo of
     ``photo_size`` pixels and cut out by its mask, so that scale and shift are unknown as they are in photos. Objects
-    are up to a fifth larger or smaller than the category's mean.
+    are up to a fifth larger or smaller than the category's mean. For comparison, ``training`` shows those of training
+    instead.
     """
     card = model.card
     camera = torch.from_numpy(standard_intrinsics(photo_size, card.distance, card.unit_fraction)).double()
     pieces, crops, rotations, visible, diagonals = [], [], [], [], []
     for number in range(num_views):
         # Far from the seeds that training and its validation count up from 0.
-        mesh, light = build(card.category, 1_000_000 + 1_000 * seed + number, held_out=True)
+        index = number if training else 1_000_000 + 1_000 * seed + number
+        mesh, light = build(card.category, index, held_out=not training)
         rng = np.random.default_rng([seed, number])
         azimuth, elevation = rng.uniform(-math.pi, math.pi), math.radians(rng.uniform(*card.elevation_deg))
         view = pose_view(mesh, elevation, azimuth, light, photo_size, card.distance, card.unit_fraction)

@@ -1,0 +1,102 @@
+"""Repeat the paper's tables and figures on objects that kfit draws itself."""
+
+from __future__ import annotations
+
+import io
+import shlex
+import sys
+from pathlib import Path
+
+from jsonargparse import ArgumentParser, Namespace
+
+
+def parser() -> ArgumentParser:
+    """Arguments of ``kfit bench paper``."""
+    parser = ArgumentParser(
+        description="Train what is not trained yet, fit unseen procedural objects, and write DIR/README.md with the "
+        "tables and figures of the paper (Chen et al., ECCV 2020). Whatever was trained or measured before is not done "
+        "again, so that an interrupted run goes on where it stopped. Tables: 1a (w/o 3D, w/o VAE, full), 1b (code of "
+        "4, 16, 128), 2a (energies), backbone (VAE3D against RadianceField), curves (RGB, RGB-D, regressor, "
+        "NOCS-style, pose head) and robustness (laptops).",
+        epilog="example, from trained weights in some 20 minutes:  kfit bench paper --tables [1a,2a] --categories "
+        "[laptop] --views 20 --starts 8 --steps 30 --out quick",
+    )
+    known = ["1a", "1b", "2a", "backbone", "curves", "robustness"]
+    parser.add_argument("--tables", type=list[str], default=known, help="which, as [1a,2a]")
+    parser.add_argument("--categories", type=list[str], default=["laptop", "mug"], help="of objects, as [laptop,mug]")
+    parser.add_argument("--train-steps", type=int, default=1500, help="of each training, 32 pairs each")
+    parser.add_argument("--objects", type=int, default=4000, help="procedural objects to train on")
+    parser.add_argument("--views", type=int, default=60, help="unseen objects a row, one view each")
+    parser.add_argument("--starts", type=int, default=16, help="starts a view")
+    parser.add_argument("--steps", type=int, default=40, help="steps of a fit")
+    parser.add_argument("--seed", type=int, default=0, help="chooses the unseen objects and poses")
+    parser.add_argument("--recipes", type=str, default="recipes", help="folder of kfit's recipes", metavar="DIR")
+    parser.add_argument("--cache", type=str, default=".kfit_cache", help="folder of rendered views", metavar="DIR")
+    parser.add_argument("--runs", type=str, default="paper_runs", help="folder of trainings and figures", metavar="DIR")
+    parser.add_argument("--out", type=str, default="kfit_paper", help="folder to write to", metavar="DIR")
+    return parser
+
+
+def run(said: Namespace) -> None:
+    """Train and measure what is missing, and write the page."""
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from kfit.cli.paper.fits import Schedule
+    from kfit.cli.paper.page import figures, page
+    from kfit.cli.paper.units import STUDIED, TABLES, Measuring
+    from kfit.cli.paper.variants import EPOCHS, Training
+    from kfit.geometry import CATEGORIES
+
+    for name, chosen, known in (("tables", said.tables, TABLES), ("categories", said.categories, CATEGORIES)):
+        unknown = [word for word in chosen if word not in known]
+        if unknown or not chosen:
+            raise ValueError(f"--{name}: unknown {', '.join(unknown) or 'nothing'}; known are {', '.join(known)}")
+    for name, least in {"views": 1, "starts": 2, "steps": 1, "objects": 2}.items():
+        if said[name] < least:
+            raise ValueError(f"--{name} must be at least {least}, got {said[name]}")
+    if said.train_steps < EPOCHS or said.train_steps % EPOCHS:
+        raise ValueError(f"--train-steps must be a multiple of {EPOCHS}, got {said.train_steps}")
+    console = Console(stderr=True)
+    training = Training(said.train_steps, said.objects, Path(said.recipes), Path(said.cache), Path(said.runs))
+    wanted = [
+        (category, unit)
+        for table in said.tables
+        for category in ([STUDIED] if table == "robustness" else said.categories)
+        for unit in TABLES[table]
+    ]
+    with Progress(console=console, disable=not console.is_terminal) as bar:
+        whole, part = bar.add_task("rows", total=len(set(wanted))), bar.add_task("")
+        how = Measuring(
+            training,
+            Schedule(said.starts, said.steps),
+            said.views,
+            said.seed,
+            lambda what, done, total: bar.update(part, description=what, completed=done, total=total),
+        )
+        units = {}
+        for category, unit in dict.fromkeys(wanted):
+            units[category, unit] = how.measured(unit, category)
+            bar.advance(whole)
+    folder = Path(said.out)
+    files = {"README.md": page(units, said.tables, said.categories, how, _command(said)).encode()}
+    for name, figure in figures(units, said.tables, said.categories).items():
+        drawn = io.BytesIO()
+        figure.savefig(drawn, dpi=110, format="png")
+        files[f"{name}.png"] = drawn.getvalue()
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, content in files.items():
+        partial = folder / f".partial_{name}"
+        partial.write_bytes(content)
+        partial.replace(folder / name)
+        print(f"wrote {folder / name}", file=sys.stderr)
+
+
+def _command(said: Namespace) -> str:
+    """The command line that repeats the page, without folders."""
+    words = ["kfit", "bench", "paper"]
+    for name in ("tables", "categories", "train_steps", "objects", "views", "starts", "steps", "seed"):
+        if said[name] != parser().get_defaults()[name]:
+            value = f"[{','.join(said[name])}]" if isinstance(said[name], list) else str(said[name])
+            words += [f"--{name.replace('_', '-')}", value]
+    return shlex.join(words)

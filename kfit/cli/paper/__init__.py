@@ -1,0 +1,1 @@
+"""The paper's tables and plots, made anew on objects that kfit draws itself; see ``kfit bench paper``."""
