@@ -102,6 +102,14 @@ def test_the_result_is_json_with_the_promised_fields(tiny_model: CategoryModel) 
     assert np.isclose(np.linalg.norm(said["size"]), 0.17)
 
 
+def test_the_second_half_of_the_steps_is_careful(tiny_model: CategoryModel) -> None:
+    (bold, first), (careful, last) = tiny_model.pipeline(4, 50).optimizer.stages  # type: ignore[attr-defined]
+    assert (first, last) == (25, 25)
+    assert careful.rates == pytest.approx({name: 0.3 * rate for name, rate in bold.rates.items()})
+    assert bold.rates["azimuth"] == 0.03  # the released code's
+    assert tiny_model.pipeline(4, 1).num_steps == 1
+
+
 def test_the_same_seed_gives_the_same_answer(tiny_model: CategoryModel) -> None:
     image, mask = np.random.default_rng(0).random((40, 40, 3)), np.ones((40, 40))
     first, again = (tiny_model.pose(image, mask=mask, seed=3, pipeline=tiny_model.pipeline(4, 2)) for _ in range(2))
