@@ -88,7 +88,7 @@ def test_variants_differ_from_their_recipes_in_what_the_recipes_have(name, how):
     recipe = yaml.safe_load((RECIPES / variant.recipe).read_text())
     arguments = recipe["model"]["init_args"]
     for setting in variant.settings[::2]:
-        assert setting.split(".")[2] in {*arguments, "kl_weight", "pixel_stride"}, setting
+        assert setting.split(".")[2] in {*arguments, "kl_weight"}, setting
     assert words[words.index("--trainer.limit_train_batches") + 1] == "2"  # 12 steps in six parts
 
 

@@ -41,15 +41,7 @@ VARIANTS = {
     "without_vae": Variant("w/o VAE", settings=("--model.init_args.kl_weight", "0")),
     "code_4": Variant("code of 4", settings=_code(4)),
     "code_128": Variant("code of 128", settings=_code(128)),
-    "field": Variant(
-        "RadianceField",
-        settings=(
-            "--model.init_args.generator",
-            "kfit.generators.RadianceField",
-            "--model.init_args.pixel_stride",
-            "2",
-        ),
-    ),
+    "field": Variant("RadianceField", settings=("--model.init_args.generator", "kfit.generators.RadianceField")),
     "regressor": Variant("VGG16 regressor", "regressor.yaml", networks=("regressor",)),
     "coordinates": Variant("NOCS-style, RGB-D", "nocs_regressor.yaml", networks=("regressor",)),
     "pose_head": Variant("pose head alone", "pose_head.yaml", networks=("pose_head",)),
