@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import inspect
 import warnings
-from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -136,6 +135,3 @@ class ConditionalVAE(Training):
             name: energy(drawn.handed(energy.on), target.handed(energy.on)).mean()  # type: ignore[arg-type]
             for name, energy in self.losses.items()
         }
-
-    def configure_optimizers(self) -> Any:
-        return self.adam(self.rate)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-from typing import Any
 
 import torch
 from torch import Tensor
@@ -90,9 +89,6 @@ class CoordinateTraining(Training):
         angles = batch["azimuth"], batch["elevation"]
         truth = coordinates_of(batch["target_depth"], *angles, self.unit_fraction, self.distance) * (mask > 0)
         return batch["target"], mask, truth
-
-    def configure_optimizers(self) -> Any:
-        return self.adam(self.rate, self.weight_decay)
 
 
 def coordinates_of(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-from typing import Any
 
 import torch
 from torch import Tensor
@@ -89,9 +88,6 @@ class OrientationTraining(Training):
     def on_validation_epoch_end(self) -> None:
         # The median of each process, averaged over them.
         self.log("val/rotation_deg", torch.cat(self._errors).median(), prog_bar=True, sync_dist=True)
-
-    def configure_optimizers(self) -> Any:
-        return self.adam(self.rate, self.weight_decay)
 
 
 def _views(batch: dict[str, Tensor]) -> tuple[Tensor, Tensor, Tensor]:

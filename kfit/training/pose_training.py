@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-from typing import Any
 
 import torch
 from torch import Tensor
@@ -70,9 +69,6 @@ class PoseTraining(Training):
         image, azimuth, elevation = _views(batch)
         loss = self.pose_head.divergence(self(image), azimuth, elevation).mean()
         self.log("val/pose", loss, prog_bar=True, batch_size=len(image), sync_dist=True)
-
-    def configure_optimizers(self) -> Any:
-        return self.adam(self.rate, self.weight_decay)
 
 
 def _views(batch: dict[str, Tensor]) -> tuple[Tensor, Tensor, Tensor]:

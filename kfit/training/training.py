@@ -14,7 +14,15 @@ from torch import nn
 
 
 class Training(LightningModule):
-    """A LightningModule whose checkpoints rebuild themselves and whose rate rises and falls."""
+    """A LightningModule whose checkpoints rebuild themselves and whose rate rises and falls.
+
+    Attributes:
+        rate: largest learning rate.
+        weight_decay: of AdamW.
+    """
+
+    rate: float
+    weight_decay: float = 0.0
 
     def remember(self, frame: FrameType | None) -> None:
         """Keep the arguments of the constructor whose frame this is for the checkpoint, as plain data.
@@ -36,14 +44,14 @@ class Training(LightningModule):
         for network in networks:
             network.compile()
 
-    def adam(self, rate: float, weight_decay: float = 0.0) -> Any:
+    def configure_optimizers(self) -> Any:
         """AdamW whose rate rises over the first twentieth of the steps and falls as a cosine.
 
         Raises:
             ValueError: for a trainer without an end.
         """
         trained = [parameter for parameter in self.parameters() if parameter.requires_grad]
-        optimizer = torch.optim.AdamW(trained, lr=rate, weight_decay=weight_decay)
+        optimizer = torch.optim.AdamW(trained, lr=self.rate, weight_decay=self.weight_decay)
         total = self.trainer.estimated_stepping_batches
         if total == math.inf:
             raise ValueError("the trainer needs max_epochs or max_steps: the rate falls towards the end of training")

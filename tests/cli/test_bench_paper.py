@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -153,7 +154,7 @@ def test_a_hidden_handle_is_judged_by_the_axis():
     model = load("mug")
     views = unseen_views(model, 2, 0)
     turned = views.rotation @ torch.tensor([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]], dtype=torch.float64)
-    hidden = fits.replace(views, visible=torch.tensor([True, False]))
+    hidden = replace(views, visible=torch.tensor([True, False]))
     assert fits.errors(turned, hidden, "mug").tolist() == pytest.approx([90, 0], abs=1e-4)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ from torch import Tensor
 from kfit import FitPipeline
 from kfit.baselines import CoordinateRegressor, OrientationRegressor, pose_of_coordinates
 from kfit.callbacks import Pruning
-from kfit.core import Energy, FitResult, Observation, PoseNetwork
+from kfit.core import Energy, FitResult, PoseNetwork
 from kfit.data import ViewsDataModule
 from kfit.energies import L1, L2, SSIM, CodePrior, Perceptual
 from kfit.features import EfficientNetLite0
@@ -166,11 +166,6 @@ def errors(rotation: Tensor, views: UnseenViews, category: str) -> Tensor:
     """Rotation errors (N,) in degrees as NOCS judges: by the axis where the class, or a hidden handle, is symmetric."""
     full = rotation_error(rotation, views.rotation, CATEGORIES[category].symmetry)
     return torch.where(views.visible, full, rotation_error(rotation, views.rotation, "y")).rad2deg()
-
-
-def disturbed(views: UnseenViews, how: Callable[[Observation], Observation]) -> UnseenViews:
-    """The same views, changed."""
-    return replace(views, observation=how(views.observation))
 
 
 def novel_view_l1(model: CategoryModel, cache: Path) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -84,7 +84,6 @@ class Measuring:
         arrays = {
             "photos": (255 * views.observation.image[: fits.SHOWN].permute(0, 2, 3, 1)).round().byte().numpy(),
             "camera": views.observation.field("intrinsics")[: fits.SHOWN].numpy(),
-            "visible": views.visible.numpy(),
         }
         if "generator" not in names:
             return arrays | self._read_out(variant, category, checkpoint, views).arrays()
@@ -102,9 +101,10 @@ class Measuring:
         count = min(self.views, ROBUST_VIEWS)
         unseen = unseen_views(model, count, self.seed)
         trained = unseen_views(model, count, self.seed, training=True)
-        places = {"instances +0": trained} | {
-            f"{kind} {strength:+g}": fits.disturbed(unseen, changer(kind, strength)) for kind, strength in fits.levels()
-        }
+        places = {"instances +0": trained}
+        for kind, strength in fits.levels():
+            changed = changer(kind, strength)(unseen.observation)
+            places[f"{kind} {strength:+g}"] = replace(unseen, observation=changed)
         for number, (name, views) in enumerate(places.items()):
             self.tell(f"{category}, {variant}, {name}", number, len(places))
             if variant == "regressor":
