@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import shlex
 import sys
+from functools import partial
 from pathlib import Path
 
 from jsonargparse import ArgumentParser, Namespace
@@ -46,6 +47,7 @@ def run(said: Namespace) -> None:
     from kfit.cli.paper.page import figures, page
     from kfit.cli.paper.units import STUDIED, TABLES, Measuring
     from kfit.cli.paper.variants import EPOCHS, Training
+    from kfit.core.whole_files import write_whole
     from kfit.geometry import CATEGORIES
 
     for name, chosen, known in (("tables", said.tables, TABLES), ("categories", said.categories, CATEGORIES)):
@@ -78,18 +80,15 @@ def run(said: Namespace) -> None:
         for category, unit in dict.fromkeys(wanted):
             units[category, unit] = how.measured(unit, category)
             bar.advance(whole)
-    folder = Path(said.out)
     files = {"README.md": page(units, said.tables, said.categories, how, _command(said)).encode()}
     for name, figure in figures(units, said.tables, said.categories).items():
         drawn = io.BytesIO()
         figure.savefig(drawn, dpi=110, format="png")
         files[f"{name}.png"] = drawn.getvalue()
-    folder.mkdir(parents=True, exist_ok=True)
-    for name, content in files.items():
-        partial = folder / f".partial_{name}"
-        partial.write_bytes(content)
-        partial.replace(folder / name)
-        print(f"wrote {folder / name}", file=sys.stderr)
+    for path in write_whole(
+        Path(said.out), {name: partial(Path.write_bytes, data=content) for name, content in files.items()}
+    ):
+        print(f"wrote {path}", file=sys.stderr)
 
 
 def _command(said: Namespace) -> str:

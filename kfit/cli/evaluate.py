@@ -8,8 +8,8 @@ from __future__ import annotations
 import io
 import sys
 from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Literal
 
 from jsonargparse import ArgumentParser, Namespace
@@ -140,6 +140,7 @@ def _write(
     folder: Path, scores: dict[str, NOCSScores], tables: dict[str, PrecisionTable], settings: dict[str, Any]
 ) -> list[Path]:
     """Write tables and curves, all of them or none."""
+    from kfit.core.whole_files import write_whole
     from kfit.reports import precision_tables
     from kfit.reports.precision_curves import curves_by_category, curves_by_method
 
@@ -156,10 +157,4 @@ def _write(
         drawn = io.BytesIO()
         figure.savefig(drawn, dpi=150, format="png")
         files[name] = drawn.getvalue()
-    folder.mkdir(parents=True, exist_ok=True)
-    with TemporaryDirectory(prefix=".partial_", dir=folder) as aside:
-        for name, content in files.items():
-            (Path(aside) / name).write_bytes(content)
-        for name in files:
-            (Path(aside) / name).replace(folder / name)
-    return [folder / name for name in files]
+    return write_whole(folder, {name: partial(Path.write_bytes, data=content) for name, content in files.items()})

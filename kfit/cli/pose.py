@@ -114,10 +114,11 @@ def run(said: Namespace) -> None:
 
 
 def write(result: PoseResult, image: Any, folder: Path) -> Path:
-    """Write pose.json and overlay.png, each whole or not at all, and return the latter's path."""
+    """Write pose.json and overlay.png, both or neither, and return the latter's path."""
     import torch
     from skimage.io import imsave
 
+    from kfit.core.whole_files import write_whole
     from kfit.reports import draw_overlay
 
     rotation, translation, size, camera = (
@@ -134,15 +135,13 @@ def write(result: PoseResult, image: Any, folder: Path) -> Path:
         mask=result.mask,
         caption=describe(result),
     )
-    folder.mkdir(parents=True, exist_ok=True)
-    pose, overlay = folder / "pose.json", folder / "overlay.png"
-    for path, save in (
-        (pose, lambda p: p.write_text(json.dumps(result.to_dict(), indent=2) + "\n")),
-        (overlay, lambda p: imsave(p, picture, check_contrast=False)),
-    ):
-        temporary = path.with_name(f".partial_{path.name}")
-        save(temporary)
-        temporary.replace(path)
+    _, overlay = write_whole(
+        folder,
+        {
+            "pose.json": lambda path: path.write_text(json.dumps(result.to_dict(), indent=2) + "\n"),
+            "overlay.png": lambda path: imsave(path, picture, check_contrast=False),
+        },
+    )
     return overlay
 
 

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from kfit.core.whole_files import write_whole
+
 # Booleans, integers, floats, bytes and text: dtypes whose memory holds values and no pointers.
 _KINDS = "biufSU"
 
@@ -47,9 +49,7 @@ def dump_pickle(path: str | Path, value: Any) -> None:
     # The third protocol spells names in full, ended by a newline.
     written = pickle.dumps(value, protocol=3)
     written = written.replace(b"cnumpy._core.multiarray\n", b"cnumpy.core.multiarray\n")
-    partial = path.with_name(f".partial_{path.name}")
-    partial.write_bytes(written)
-    partial.replace(path)
+    write_whole(path.parent, {path.name: lambda place: place.write_bytes(written)})
 
 
 class _RefusedError(Exception):

@@ -14,6 +14,7 @@ import torch
 from torch import Tensor, nn
 
 from kfit.core import Angle, Bounded, Encoder, Generator, Positive, Real, frozen
+from kfit.core.whole_files import write_whole
 from kfit.features import EfficientNetLite0
 from kfit.features.network import FeatureNetwork
 from kfit.models.category_model import CategoryModel
@@ -26,7 +27,6 @@ def export_model(model: CategoryModel, folder: Path) -> list[Path]:
 
     See `export_generator`, `export_encoder` and `export_features`.
     """
-    folder.mkdir(parents=True, exist_ok=True)
     paths = [folder / f"{name}.onnx" for name in ("generator", "encoder", "features")]
     export_generator(model.generator, paths[0])
     with torch.no_grad():
@@ -151,6 +151,4 @@ def _write(
             if value.name in {*inputs, *outputs} and id(value) not in outer:
                 value.name = f"{value.name}_within"
     program.model.metadata_props.update(metadata or {})
-    temporary = path.with_name(f".partial_{path.name}")
-    program.save(temporary)
-    temporary.replace(path)
+    write_whole(path.parent, {path.name: program.save})

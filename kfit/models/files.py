@@ -13,6 +13,7 @@ from safetensors import SafetensorError
 from safetensors.torch import load_file, save
 from torch import nn
 
+from kfit.core.whole_files import write_whole
 from kfit.models.card import Card
 
 NETWORKS = ("generator", "encoder", "extents")
@@ -22,17 +23,14 @@ HOMES = ("kfit.generators", "kfit.baselines")
 
 
 def write_model(path: Path, networks: dict[str, nn.Module], card: Card) -> None:
-    """Write ``path`` (.safetensors, half precision) and its card beside it, each through a temporary name."""
+    """Write ``path`` (.safetensors, half precision) and its card beside it, both or neither."""
     numbers = {
         f"{name}.{key}": (tensor.half() if tensor.is_floating_point() else tensor).contiguous()
         for name, network in networks.items()
         for key, tensor in network.state_dict().items()
     }
-    path.parent.mkdir(parents=True, exist_ok=True)
-    for target, write in ((path, lambda p: p.write_bytes(save(numbers))), (path.with_suffix(".json"), card.write)):
-        temporary = target.with_name(target.name + ".partial")
-        write(temporary)
-        temporary.replace(target)
+    card_name = path.with_suffix(".json").name
+    write_whole(path.parent, {path.name: lambda place: place.write_bytes(save(numbers)), card_name: card.write})
 
 
 def read_model(path: Path) -> tuple[dict[str, nn.Module], Card]:

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 from kfit import __version__
+from kfit.core.whole_files import PARTIAL, write_whole
 
 SETTINGS = "fit.json"
-PARTIAL = ".partial_"
 
 
 @dataclass(frozen=True)
@@ -46,7 +44,6 @@ class ResultsFolder:
                 f"{self.path} holds results, but no {SETTINGS} tells how they were made: name another folder"
             )
         else:
-            self.path.mkdir(parents=True, exist_ok=True)
             self.write(SETTINGS, lambda path: path.write_text(json.dumps(settings, indent=2) + "\n"))
         for name in there:
             if name.startswith(PARTIAL):
@@ -59,15 +56,7 @@ class ResultsFolder:
 
     def write(self, name: str, write: Callable[[Path], object]) -> bool:
         """Have a file written aside and put it in its place, whole and on the disk; False if none was written."""
-        with TemporaryDirectory(prefix=PARTIAL, dir=self.path) as aside:
-            path = Path(aside) / name
-            write(path)
-            if not path.exists():
-                return False
-            with path.open("rb") as written:
-                os.fsync(written.fileno())
-            path.replace(self.path / name)
-        return True
+        return bool(write_whole(self.path, {name: write}))
 
     def _compare(self, settings: Mapping[str, object]) -> None:
         kept = self.path / SETTINGS

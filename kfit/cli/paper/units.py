@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -20,6 +19,7 @@ from kfit.cli.paper import fits
 from kfit.cli.paper.fits import Schedule
 from kfit.cli.paper.variants import VARIANTS, Training
 from kfit.core import Observation, PoseNetwork
+from kfit.core.whole_files import write_whole
 from kfit.models import CategoryModel, load, read_checkpoint
 from kfit.models.accuracy import UnseenViews, unseen_views
 from kfit.training.disturb import brightened, occluded, shifted
@@ -69,9 +69,7 @@ class Measuring:
                 if str(file["settings"]) == json.dumps(asked):
                     return dict(file)
         arrays = self._measure(variant, how, category, checkpoint) | {"settings": np.array(json.dumps(asked))}
-        partial = path.with_suffix(".partial.npz")
-        np.savez_compressed(partial, **arrays)  # type: ignore[arg-type]  # a name could be that of an option
-        os.replace(partial, path)
+        write_whole(path.parent, {path.name: lambda place: np.savez_compressed(place, **arrays)})  # type: ignore[arg-type]
         return arrays
 
     def _measure(self, variant: str, how: str, category: str, checkpoint: Path) -> Arrays:

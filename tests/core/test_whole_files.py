@@ -1,0 +1,36 @@
+"""Files are there whole or not at all."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from kfit.core.whole_files import write_whole
+
+
+def _says(text: str):
+    return lambda path: path.write_text(text)
+
+
+def _fails(path: Path) -> None:
+    path.write_text("half")
+    raise OSError("no space left")
+
+
+def test_all_are_written_into_a_folder_that_was_not_there(tmp_path):
+    made = write_whole(tmp_path / "a" / "b", {"one": _says("1"), "two": _says("2")})
+    assert [path.read_text() for path in made] == ["1", "2"]
+    assert sorted(p.name for p in (tmp_path / "a" / "b").iterdir()) == ["one", "two"]
+
+
+def test_one_that_fails_leaves_all_as_they_were(tmp_path):
+    write_whole(tmp_path, {"one": _says("old")})
+    with pytest.raises(OSError, match="no space"):
+        write_whole(tmp_path, {"one": _says("new"), "two": _fails})
+    assert {p.name: p.read_text() for p in tmp_path.iterdir()} == {"one": "old"}
+
+
+def test_what_finds_nothing_to_write_is_left_out(tmp_path):
+    assert write_whole(tmp_path, {"one": lambda path: None}) == []
+    assert not list(tmp_path.iterdir())
