@@ -14,6 +14,7 @@ from kfit.geometry.categories import CATEGORIES, Category
 # Arguments of the model's parts that the category of the data decides, where a part has such an argument.
 KNOWN: dict[str, Callable[[Category], object]] = {
     "generator.init_args.unit_fraction": lambda category: category.unit_fraction,
+    "generator.init_args.sides": lambda category: list(category.sides),
     "pose_head.init_args.symmetry": lambda category: category.symmetry,
     "regressor.init_args.symmetry": lambda category: category.symmetry,
     "unit_fraction": lambda category: category.unit_fraction,

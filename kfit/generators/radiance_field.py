@@ -19,13 +19,16 @@ VOLUME_SIDE = 4  # of the learned constant; each 3D layer doubles it
 # Raw density outside the volume, e^-12 after the softplus: empty.
 EMPTY = -6.0
 SHARPNESS = 2.0
+# Rays are taken to cross walls by at least this much.
+PARALLEL = 1e-6
 
 
 class RadianceField(Generator):
     """Draws RGB, mask and depth of one category from a code, an azimuth and an elevation, through a pinhole camera.
 
-    Constant volume → AdaIN → 3D up-convolutions with AdaIN → a grid of colour c and density τ about the object, which
-    rays of the training camera cross at K even depths, near to far:
+    Constant volume → AdaIN → 3D up-convolutions with AdaIN → a grid of colour c and density τ in a box about the
+    object. Each ray of the training camera is cut at the box's sides (Kay and Kajiya 1986) and looks at K even depths
+    between, near to far:
     T_k = exp(−Σ_{j<k} τ_j δ), w_k = T_k (1 − exp(−τ_k δ)), mask = Σ_k w_k, image = Σ_k w_k c_k + 1 − mask,
     depth = Σ_k w_k d_k / mask (Max 1995; Mildenhall et al. 2020, equation 3). Colour and density are interpolated
     before their sigmoid and softplus, which keeps edges sharp on a coarse grid (Sun et al. 2022). The picture follows
@@ -43,13 +46,16 @@ class RadianceField(Generator):
         distance: of the camera from the object's centre, in box diagonals.
         unit_fraction: share of the picture's width that a unit diagonal at the centre spans. `lightning` fills it in
             from the data's category.
+        sides: of the box along x, y and z, in diagonals of the object; what sticks out is not drawn. The tighter, the
+            finer its cells. `lightning` fills it in from the data's category.
 
     Raises:
-        ValueError: for a camera nearer than a diagonal, or a fraction outside [0.1, 10].
+        ValueError: for a camera nearer than a diagonal, a fraction outside [0.1, 10], or sides that are not three in
+            (0, 1].
     """
 
-    points: Tensor
-    depths: Tensor
+    rays: Tensor
+    half_sides: Tensor
 
     def __init__(
         self,
@@ -59,10 +65,13 @@ class RadianceField(Generator):
         image_size: int = 64,
         distance: float = 4.0,
         unit_fraction: float = 1.0,
+        sides: Sequence[float] = (1.0, 1.0, 1.0),
     ) -> None:
         super().__init__()
         check_range("RadianceField: distance", distance, 1.0, 1e6)
         check_range("RadianceField: unit_fraction", unit_fraction, 0.1, 10.0)
+        if len(sides) != 3 or not all(0 < side <= 1 for side in sides):
+            raise ValueError(f"RadianceField: sides must be three numbers in (0, 1], got {list(sides)}")
         self.variables = {
             "code": Variable((code_dim,)),
             "azimuth": Variable((), Angle()),
@@ -74,25 +83,24 @@ class RadianceField(Generator):
         # A thin mist to begin with: rays must reach all cells, or those behind learn nothing.
         nn.init.constant_(self.lift[-1].bias[3:], EMPTY / 3)  # type: ignore[index, arg-type]
         self.styles = nn.ModuleList(AdaIN(dim, code_dim) for dim in volume_dims)
-        # Objects of unit diagonal stay within half a diagonal of their centre, whichever way they are turned.
-        depths = (torch.arange(num_samples) + 0.5) / num_samples - 0.5
+        # Of each ray, where it passes the object's centre, and how far it goes while depth grows by a diagonal.
         pixels = torch.arange(image_size) - (image_size - 1) / 2
-        rays = pixels / (unit_fraction * image_size * distance)
-        away, down, right = torch.meshgrid(depths, rays, rays, indexing="ij")
-        points = torch.stack([right * (distance + away), -down * (distance + away), -away], -1)
-        # The cube is as wide as the picture: its half-side is 1.
-        self.register_buffer("points", points * 2 * unit_fraction, persistent=False)
-        self.register_buffer("depths", depths.view(1, -1, 1, 1), persistent=False)
-        # Optical depth of a sample per unit of the softplus: a quarter a pixel.
-        self.thickness = unit_fraction * image_size / num_samples / 4
+        slopes = pixels / (unit_fraction * image_size * distance)
+        down, right = torch.meshgrid(slopes, slopes, indexing="ij")
+        ahead = torch.ones_like(right)
+        past = torch.stack([right * distance, -down * distance, 0 * ahead], -1)
+        self.register_buffer("rays", torch.stack([past, torch.stack([right, -down, -ahead], -1)]), persistent=False)
+        self.register_buffer("half_sides", torch.tensor(sides) / 2, persistent=False)
+        # Optical depth of a diagonal per unit of the softplus: a quarter a pixel.
+        self.thickness = unit_fraction * image_size / 4
 
     def forward(self, *, pixels: Tensor | None = None, **values: Tensor) -> Rendering:
         """Draw; where ``pixels`` (2, n) are given, the crossings of these n rows and n columns alone.
 
         Pixels are drawn each by itself, so training may look at a share of them for a share of the work.
         """
-        points = self.points if pixels is None else self.points[:, pixels[0]][:, :, pixels[1]]
-        return self._picture(self._volume(values["code"]), values["azimuth"], values["elevation"], points)
+        rays = self.rays if pixels is None else self.rays[:, pixels[0]][:, :, pixels[1]]
+        return self._picture(self._volume(values["code"]), values["azimuth"], values["elevation"], rays)
 
     def bind(self, **fixed: Tensor) -> Generator:
         """Hold variables; a held code has its volume computed here, once.
@@ -110,19 +118,29 @@ class RadianceField(Generator):
         volume = volume.to(torch.promote_types(volume.dtype, torch.float32))
         return volume - volume.new_tensor([0.0, 0.0, 0.0, EMPTY]).view(1, 4, 1, 1, 1)
 
-    def _picture(self, volume: Tensor, azimuth: Tensor, elevation: Tensor, points: Tensor) -> Rendering:
+    def _picture(self, volume: Tensor, azimuth: Tensor, elevation: Tensor, rays: Tensor) -> Rendering:
         # Out of autocast: bfloat16 points miss by cells, and the gradient of the angles loses its direction.
         with torch.autocast(volume.device.type, enabled=False):
             rotation = rotation_from_angles(azimuth, elevation, torch.zeros_like(azimuth)).to(volume.dtype)
-            # A point p of the camera's frame is the object's Rᵀp. Grids are addressed as (x, y, z) = (W, H, D).
-            grid = (points.to(volume.dtype).flatten(0, 2) @ rotation).unflatten(1, points.shape[:3])
+            # A point p of the camera's frame is the object's Rᵀp; the box is the cube [−1, 1]³ of `grid_sample`, which
+            # is addressed as (x, y, z) = (W, H, D).
+            turned = (rays.to(volume.dtype).flatten(0, 2) @ rotation / self.half_sides).unflatten(1, rays.shape[:3])
+            past, along = turned.unbind(1)
+            along = torch.where(along.abs() < PARALLEL, PARALLEL, along)
+            walls = torch.stack([(-1 - past) / along, (1 - past) / along])
+            # Objects of unit diagonal stay within half a diagonal of their centre, whichever way they are turned.
+            near = walls.amin(0).amax(-1).clamp(-0.5, 0.5)
+            step = (walls.amax(0).amin(-1).clamp(-0.5, 0.5) - near).clamp_min(0) / self.num_samples
+            count = torch.arange(self.num_samples, device=near.device).view(-1, 1, 1) + 0.5
+            depths = near[:, None] + count * step[:, None]
+            grid = past[:, None] + depths[..., None] * along[:, None]
             raw = F.grid_sample(volume, grid, mode="bilinear", padding_mode="zeros", align_corners=False)
-            thickness = self.thickness * F.softplus(SHARPNESS * (raw[:, 3] + EMPTY))
+            thickness = self.thickness * step[:, None] * F.softplus(SHARPNESS * (raw[:, 3] + EMPTY))
             before = thickness.cumsum(1) - thickness
             share = torch.exp(-before) * -torch.expm1(-thickness)
             mask = share.sum(1, keepdim=True)
             image = (share[:, None] * torch.sigmoid(raw[:, :3])).sum(2) + 1 - mask
-            depth = (share * self.depths).sum(1, keepdim=True) / mask.clamp_min(1e-4)
+            depth = (share * depths).sum(1, keepdim=True) / mask.clamp_min(1e-4)
         return Rendering(image=image, mask=mask, depth=depth)
 
 
@@ -138,4 +156,4 @@ class _BoundCode(Generator):
 
     def forward(self, **values: Tensor) -> Rendering:
         volume = self.volume.expand(len(values["azimuth"]), *self.volume.shape[1:])
-        return self.generator._picture(volume, values["azimuth"], values["elevation"], self.generator.points)
+        return self.generator._picture(volume, values["azimuth"], values["elevation"], self.generator.rays)

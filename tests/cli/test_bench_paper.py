@@ -50,6 +50,7 @@ def made_up(tables, categories):
                     if "+" not in unit:
                         arrays |= {
                             "l1": np.array(0.06),
+                            "multiply_adds": np.array(0.45e9),
                             "samples": rng.integers(0, 255, (3, 3, 16, 16), dtype=np.uint8),
                             "path_energy": np.linspace(1, 0.2, 5),
                             "path_rotation": np.linspace(40, 5, 5),
@@ -63,12 +64,19 @@ def test_the_page_shows_every_row_with_failures_as_the_worst(how):
     found = made_up(TABLES, categories)
     text = page(found, list(TABLES), categories, how, "kfit bench paper --views 4")
     rows = [line for line in text.splitlines() if line.startswith("| w/o 3D")]
-    assert rows == ["| w/o 3D | 0.060 | 28.5° | 25 | 50 | 50 | 75 | 3.0 cm | 0.109 | 1.8 | 90.2 |"] * 2
+    assert rows == ["| w/o 3D | 0.0600 | 28.5° | 25 | 50 | 50 | 75 | 3.0 cm | 0.109 | 1.8 | 90.2 |"] * 2
     assert "`kfit bench paper --views 4`" in text
     drawn = figures(found, list(TABLES), categories)
     assert {f"{name}.png" for name in drawn} == {part.split("(")[1][:-1] for part in text.split() if "png)" in part}
     for figure in drawn.values():
         figure.canvas.draw()
+
+
+def test_backbones_stand_beside_their_arithmetic(how):
+    text = page(made_up(["backbone"], ["laptop"]), ["backbone"], ["laptop"], how, "kfit")
+    assert "| RadianceField | 0.0600 | 28.5° | 25 | 50 | 50 | 75 | 3.0 cm | 0.45 |" in text
+    generator = load("can").generator
+    assert fits.multiply_adds(generator) == pytest.approx(0.45e9, rel=0.02)
 
 
 def test_the_page_says_what_was_asked_for_and_no_more(how):

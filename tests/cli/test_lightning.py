@@ -32,10 +32,11 @@ def model_of(*words):
 def test_the_data_s_category_decides_the_camera_also_in_the_checkpoint(category):
     model = model_of("-c", RECIPES / "radiance_field.yaml", "--data.category", category)
     known = CATEGORIES[category]
-    # The grid is as wide as the picture, so a ray through the picture's edge leaves it at the centre's depth.
-    middle = model.generator.points.view(model.generator.num_samples, 64, 64, 3).mean(0)
-    torch.testing.assert_close(middle[0, 0], torch.tensor([-63 / 64, 63 / 64, 0.0]), rtol=0, atol=1e-5)
-    assert model.generator.thickness == pytest.approx(known.unit_fraction * 64 / 24 / 4)
+    # The ray through the picture's corner passes the centre at half of the picture's width.
+    corner, half = model.generator.rays[0, 0, 0], 63 / 64 / 2 / known.unit_fraction
+    torch.testing.assert_close(corner, torch.tensor([-half, half, 0.0]), rtol=0, atol=1e-5)
+    torch.testing.assert_close(2 * model.generator.half_sides, torch.tensor(known.sides))
+    assert model.hparams["generator"]["init_args"]["sides"] == list(known.sides)
     assert model.hparams["generator"]["init_args"]["unit_fraction"] == known.unit_fraction
 
 

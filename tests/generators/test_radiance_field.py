@@ -18,10 +18,10 @@ from kfit.generators.radiance_field import EMPTY
 WHITE = Light(np.ones(3), np.zeros((0, 3)), np.zeros((0, 3)))
 
 
-def ball_volume(at, radius, unit_fraction, side=64):
+def ball_volume(at, radius, sides, count=64):
     """Raw colour and density of a grey ball at a point in box diagonals, its surface where the density is 0."""
-    cells = ((torch.arange(side) + 0.5) / side - 0.5) / unit_fraction
-    z, y, x = torch.meshgrid(cells, cells, cells, indexing="ij")
+    cells = (torch.arange(count) + 0.5) / count - 0.5
+    z, y, x = torch.meshgrid(*(cells * side for side in reversed(sides)), indexing="ij")
     away = torch.stack([x - at[0], y - at[1], z - at[2]]).norm(dim=0)
     density = (200 * (radius - away)).clamp(EMPTY, 12)
     return torch.cat([torch.zeros(3, *density.shape), density[None] - EMPTY])[None]
@@ -30,20 +30,28 @@ def ball_volume(at, radius, unit_fraction, side=64):
 def drawn(field, volume, azimuth_deg=0.0, elevation_deg=0.0):
     angles = (torch.tensor([math.radians(angle)]) for angle in (azimuth_deg, elevation_deg))
     with torch.no_grad():
-        return field._picture(volume, *angles, field.points)
+        return field._picture(volume, *angles, field.rays)
 
 
 @pytest.mark.parametrize(
-    ("azimuth", "elevation", "unit_fraction"), [(0, 0, 1.0), (40, 0, 1.0), (-60, 50, 1.2), (130, -15, 0.9)]
+    ("azimuth", "elevation", "unit_fraction", "sides"),
+    [
+        (0, 0, 1.0, (1.0, 1.0, 1.0)),
+        (40, 0, 1.0, (0.6, 0.5, 0.8)),
+        (-60, 50, 1.2, (0.7, 0.9, 0.8)),
+        (130, -15, 0.9, (0.8, 0.5, 1.0)),
+    ],
 )
-def test_a_ball_is_drawn_where_and_as_large_and_as_far_as_the_rasterizer_draws_it(azimuth, elevation, unit_fraction):
+def test_a_ball_is_drawn_where_and_as_large_and_as_far_as_the_rasterizer_draws_it(
+    azimuth, elevation, unit_fraction, sides
+):
     at, radius = np.array([0.15, 0.1, 0.25]), 0.12
     ring = np.linspace(-np.pi / 2, np.pi / 2, 48)
     ball = revolve(radius * np.stack([np.cos(ring), np.sin(ring)], 1), solid(np.full(3, 0.5)), 48)
     ball = replace(ball, vertices=ball.vertices + at.astype(np.float32))
     expected = pose_view(ball, math.radians(elevation), math.radians(azimuth), WHITE, unit_fraction=unit_fraction)
-    field = RadianceField(num_samples=256, unit_fraction=unit_fraction)
-    found = drawn(field, ball_volume(at, radius, unit_fraction), azimuth, elevation)
+    field = RadianceField(num_samples=256, unit_fraction=unit_fraction, sides=sides)
+    found = drawn(field, ball_volume(at, radius, sides), azimuth, elevation)
     mask = found.mask[0, 0].numpy()
     assert np.abs(mask - expected.mask).mean() < 0.004  # of a ball that covers some 5 % of the picture
     inside = np.minimum(mask, expected.mask) > 0.99
@@ -69,10 +77,9 @@ def test_what_is_near_hides_what_is_far_by_the_formula():
     torch.manual_seed(0)
     volume = torch.randn(1, 4, 6, 6, 6) - torch.tensor([0.0, 0.0, 0.0, EMPTY]).view(1, 4, 1, 1, 1)
     found = drawn(field, volume)
-    samples = torch.nn.functional.grid_sample(volume, field.points.view(1, 2, 1, 1, 3), align_corners=False)[
-        0, :, :, 0, 0
-    ]
-    near, far = field.thickness * torch.log1p(torch.exp(2 * (samples[3] + EMPTY)))
+    points = torch.tensor([[0.0, 0.0, 0.5], [0.0, 0.0, -0.5]])  # towards the viewer is +z
+    samples = torch.nn.functional.grid_sample(volume, points.view(1, 2, 1, 1, 3), align_corners=False)[0, :, :, 0, 0]
+    near, far = field.thickness / 2 * torch.log1p(torch.exp(2 * (samples[3] + EMPTY)))
     share = torch.stack([1 - torch.exp(-near), torch.exp(-near) * (1 - torch.exp(-far))])
     torch.testing.assert_close(found.mask.flatten()[0], share.sum())
     torch.testing.assert_close(found.image.flatten(), torch.sigmoid(samples[:3]) @ share + 1 - share.sum())
@@ -102,11 +109,27 @@ def test_a_held_code_has_its_volume_computed_once(monkeypatch):
     assert calls == [1]
 
 
+def test_what_sticks_out_of_the_box_is_not_drawn():
+    field = RadianceField(image_size=32, sides=(0.25, 0.5, 0.75))
+    full = torch.zeros(1, 4, 8, 8, 8)
+    full[:, 3] = 30 - EMPTY
+    for azimuth, wide in ((0.0, 0.25), (90.0, 0.75)):
+        mask = drawn(field, full, azimuth).mask[0, 0]
+        # The camera stands near: the front face looms.
+        near = 4 / (4 - (0.75 if azimuth == 0 else 0.25) / 2)
+        assert mask[16].sum() / 32 == pytest.approx(wide * near, abs=0.07)
+        assert mask[:, 16].sum() / 32 == pytest.approx(0.5 * near, abs=0.07)
+        assert mask[0].max() < 1e-6  # rays that miss the box see nothing
+
+
 def test_a_camera_inside_the_object_is_refused():
     with pytest.raises(ValueError, match="RadianceField: distance"):
         RadianceField(distance=0.4)
     with pytest.raises(ValueError, match="RadianceField: unit_fraction"):
         RadianceField(unit_fraction=0.0)
+    for sides in ((1.0, 1.0), (1.0, 1.0, 0.0), (1.0, 1.2, 1.0)):
+        with pytest.raises(ValueError, match="RadianceField: sides must be three numbers"):
+            RadianceField(sides=sides)
 
 
 def test_single_pixels_are_those_of_the_whole_picture():

@@ -411,7 +411,7 @@ def test_a_step_on_thinned_pixels_draws_a_share_of_the_points_and_its_loss_is_on
         monkeypatch.setattr(torch, "randint", lambda *args, at=at: torch.tensor(at))
         losses.append(model.training_step(batch(), 0))
     whole = plain.training_step(batch(), 0)
-    assert drawn == [(4, 8, 8, 3)] * 4 + [(4, 16, 16, 3)]
+    assert drawn == [(2, 8, 8, 3)] * 4 + [(2, 16, 16, 3)]
     torch.testing.assert_close(sum(losses) / 4, whole)
 
 

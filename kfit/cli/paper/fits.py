@@ -12,11 +12,12 @@ from typing import Any
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
+from torch.utils.flop_counter import FlopCounterMode
 
 from kfit import FitPipeline
 from kfit.baselines import CoordinateRegressor, OrientationRegressor, pose_of_coordinates
 from kfit.callbacks import Pruning
-from kfit.core import Energy, FitResult, PoseNetwork
+from kfit.core import Energy, FitResult, Generator, PoseNetwork, frozen
 from kfit.data import ViewsDataModule
 from kfit.energies import L1, L2, SSIM, CodePrior, Perceptual
 from kfit.features import EfficientNetLite0
@@ -180,6 +181,14 @@ def novel_view_l1(model: CategoryModel, cache: Path) -> float:
             drawn = model.generator(code=mean, azimuth=batch["azimuth"], elevation=batch["elevation"]).image
             apart.append((drawn - batch["target"]).abs().mean((1, 2, 3)))
     return float(torch.cat(apart).mean())
+
+
+def multiply_adds(generator: Generator) -> float:
+    """Multiplications with an addition that the convolutions and linear layers of one picture take."""
+    values = {name: torch.zeros(1, *variable.shape) for name, variable in generator.variables.items()}
+    with FlopCounterMode(display=False) as counter:
+        frozen(generator)(**values)
+    return float(counter.get_total_flops()) / 2
 
 
 def path_of(results: list[FitResult], views: UnseenViews, category: str) -> tuple[list[float], list[float]]:

@@ -86,16 +86,18 @@ def page(units: Units, tables: list[str], categories: list[str], how: Measuring,
 def _rows(units: Units, table: str, category: str) -> list[str]:
     published = any(key[0] == table for key in PUBLISHED)
     head = [category, "L1", "median", "AP5", "AP10", "AP30", "AP60", "translation, median"]
+    head += ["G multiply-adds"] if table == "backbone" else []
     head += ["paper: L1", "AP10", "AP60"] if published else []
     lines = [f"| {' | '.join(head)} |", "|---" + "|---:" * (len(head) - 1) + "|"]
     for unit in TABLES[table]:
         arrays = units[category, unit]
         wrong = np.nan_to_num(arrays["rotation_deg"], nan=180.0)
-        l1 = f"{float(arrays['l1']):.3f}" if "l1" in arrays else "–"
+        l1 = f"{float(arrays['l1']):.4f}" if "l1" in arrays else "–"
         shift = f"{np.nanmedian(arrays['translation_cm']):.1f} cm" if "translation_cm" in arrays else "–"
         cells = [title_of(unit, table), l1, f"{np.median(wrong):.1f}°"]
         cells += [f"{100 * (wrong < limit).mean():.0f}" for limit in (5, 10, 30, 60)]
         cells += [shift, *(PUBLISHED.get((table, unit), ("", "", "")) if published else ())]
+        cells += [f"{float(arrays['multiply_adds']) / 1e9:.2f}"] if table == "backbone" else []
         lines.append(f"| {' | '.join(cells)} |")
     return [*lines, ""]
 
