@@ -14,10 +14,13 @@ from kfit.geometry.categories import CATEGORIES, Category
 # Arguments of the model's parts that the category of the data decides, where a part has such an argument.
 KNOWN: dict[str, Callable[[Category], object]] = {
     "generator.init_args.unit_fraction": lambda category: category.unit_fraction,
-    "generator.init_args.sides": lambda category: list(category.sides),
     "pose_head.init_args.symmetry": lambda category: category.symmetry,
     "regressor.init_args.symmetry": lambda category: category.symmetry,
     "unit_fraction": lambda category: category.unit_fraction,
+}
+# The same of procedural objects alone: somebody's meshes may be of any shape.
+KNOWN_OF_PROCEDURAL: dict[str, Callable[[Category], object]] = {
+    "generator.init_args.sides": lambda category: list(category.sides),
 }
 COMMANDS = ("fit", "validate", "test", "predict")
 
@@ -29,7 +32,8 @@ class _CLI(LightningCLI):
         # Not `link_arguments`: checkpoints leave out what it fills in, and could not be rebuilt.
         config = self.config.get(str(self.subcommand), self.config)
         category = CATEGORIES.get(str(config.get("data.init_args.category")))
-        for argument, known in KNOWN.items():
+        drawn = all(config.get(f"data.init_args.{source}") is None for source in ("meshes", "views"))
+        for argument, known in {**KNOWN, **(KNOWN_OF_PROCEDURAL if drawn else {})}.items():
             if category is not None and f"model.init_args.{argument}" in config:
                 config[f"model.init_args.{argument}"] = known(category)
 

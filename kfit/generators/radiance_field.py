@@ -47,7 +47,7 @@ class RadianceField(Generator):
         unit_fraction: share of the picture's width that a unit diagonal at the centre spans. `lightning` fills it in
             from the data's category.
         sides: of the box along x, y and z, in diagonals of the object; what sticks out is not drawn. The tighter, the
-            finer its cells. `lightning` fills it in from the data's category.
+            finer its cells. `lightning` fills it in from the category of procedural data.
 
     Raises:
         ValueError: for a camera nearer than a diagonal, a fraction outside [0.1, 10], or sides that are not three in

@@ -48,6 +48,12 @@ def test_the_data_s_category_decides_a_pose_head_s_symmetry_also_in_the_checkpoi
     assert model.hparams["pose_head"]["init_args"]["symmetry"] == symmetry
 
 
+def test_meshes_of_one_s_own_may_fill_the_whole_picture():
+    model = model_of("-c", RECIPES / "radiance_field.yaml", "--data.category", "mug", "--data.meshes", "shoes")
+    torch.testing.assert_close(model.generator.half_sides, torch.full((3,), 0.5))
+    assert model.generator.rays[0, 0, 0, 0] == pytest.approx(-63 / 64 / 2 / CATEGORIES["mug"].unit_fraction)
+
+
 def test_a_generator_without_a_camera_is_left_as_it_is():
     model = model_of("-c", RECIPES / "smoke.yaml", "--data.category", "bowl")
     assert "unit_fraction" not in model.hparams["generator"]["init_args"]
