@@ -63,7 +63,8 @@ def page(units: Units, tables: list[str], categories: list[str], how: Measuring,
         "# The paper's tables, on objects that kfit draws itself",
         "",
         f"Made by `{command}`. Every variant is trained on the same {trained.objects} objects for {trained.steps} "
-        f"steps ({32 * trained.steps:,} pairs of views), and judged on one view each of {how.views} objects of seeds, "
+        f"steps ({32 * trained.steps:,} pairs of views), generators beside `FeatureEncoder` instead of the "
+        f"paper's encoder, and judged on one view each of {how.views} objects of seeds, "
         f"shape families and texture families held out of training (seed {how.seed}), cut out by their true masks. "
         f"Fits take {schedule.starts} starts on an even grid and {schedule.steps} steps, pruned as kfit does. "
         "Symmetric classes, and mugs whose handle is hidden, are judged by their axis. With one object a picture and "
