@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import io
 import shlex
 import sys
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
@@ -80,14 +80,11 @@ def run(said: Namespace) -> None:
         for category, unit in dict.fromkeys(wanted):
             units[category, unit] = how.measured(unit, category)
             bar.advance(whole)
-    files = {"README.md": page(units, said.tables, said.categories, how, _command(said)).encode()}
+    text = page(units, said.tables, said.categories, how, _command(said)).encode()
+    writers: dict[str, Callable[[Path], object]] = {"README.md": lambda path: path.write_bytes(text)}
     for name, figure in figures(units, said.tables, said.categories).items():
-        drawn = io.BytesIO()
-        figure.savefig(drawn, dpi=110, format="png")
-        files[f"{name}.png"] = drawn.getvalue()
-    for path in write_whole(
-        Path(said.out), {name: partial(Path.write_bytes, data=content) for name, content in files.items()}
-    ):
+        writers[f"{name}.png"] = partial(figure.savefig, dpi=110)
+    for path in write_whole(Path(said.out), writers):
         print(f"wrote {path}", file=sys.stderr)
 
 

@@ -5,9 +5,8 @@ Prints average precision by category and writes tables and curves.
 
 from __future__ import annotations
 
-import io
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -153,8 +152,7 @@ def _write(
         "scores.csv": precision_tables.as_csv(tables).encode(),
         "scores.json": precision_tables.as_json(scores, tables, settings).encode(),
     }
-    for name, figure in figures.items():
-        drawn = io.BytesIO()
-        figure.savefig(drawn, dpi=150, format="png")
-        files[name] = drawn.getvalue()
-    return write_whole(folder, {name: partial(Path.write_bytes, data=content) for name, content in files.items()})
+    writers: dict[str, Callable[[Path], object]] = {
+        name: partial(Path.write_bytes, data=content) for name, content in files.items()
+    }
+    return write_whole(folder, writers | {name: partial(drawn.savefig, dpi=150) for name, drawn in figures.items()})
