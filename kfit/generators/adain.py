@@ -16,13 +16,14 @@ class AdaIN(nn.Module):
         num_channels: C.
         code_dim: D.
         rectified: (μ, σ) = relu(A z + b), as in the released code.
+        gain: standard deviation of A's elements before training: how loud codes speak at first.
     """
 
-    def __init__(self, num_channels: int, code_dim: int, rectified: bool = False) -> None:
+    def __init__(self, num_channels: int, code_dim: int, rectified: bool = False, gain: float = 0.1) -> None:
         super().__init__()
         self.rectified = rectified
         self.affine = nn.Linear(code_dim, 2 * num_channels)
-        nn.init.normal_(self.affine.weight, std=0.1)
+        nn.init.normal_(self.affine.weight, std=gain)
         # Begins near the identity, with every ReLU open.
         nn.init.constant_(self.affine.bias[:num_channels], 0.1)
         nn.init.ones_(self.affine.bias[num_channels:])

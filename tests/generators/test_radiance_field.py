@@ -93,20 +93,46 @@ def test_does_no_more_arithmetic_than_the_compact_vae3d():
         return counter.get_total_flops() / 2
 
     convolutions = multiply_adds(RadianceField())
-    assert convolutions == pytest.approx(0.17e9, rel=0.03)
+    assert convolutions == pytest.approx(0.22e9, rel=0.03)
+    assert multiply_adds(RadianceField(refined=False)) == pytest.approx(0.17e9, rel=0.03)
     # The counter leaves sampling out: 24 depths × 64² rays × 4 channels × 8 corners.
     assert convolutions + 24 * 64**2 * 4 * 8 < 0.5 * multiply_adds(VAE3D())
     assert sum(p.numel() for p in RadianceField().parameters()) < sum(p.numel() for p in VAE3D().parameters())
 
 
-def test_a_held_code_has_its_volume_computed_once(monkeypatch):
-    field, calls = RadianceField(3, (4, 3), 4, 16), []
+def test_a_refinement_begins_as_next_to_nothing_and_corrects_colour_and_mask_alone():
+    torch.manual_seed(0)
+    field = RadianceField(3, (4, 3), 4, 16)
+    values = {"code": torch.randn(2, 3), "azimuth": torch.tensor([0.3, 2.0]), "elevation": torch.tensor([0.2, 0.5])}
+    rays = field.rays
+    plain = field._picture(field._volume(values["code"]), values["azimuth"], values["elevation"], rays)
+    begun = field(**values)
+    torch.testing.assert_close(begun.image, plain.image, rtol=0, atol=5e-3)
+    torch.nn.init.constant_(field.refinement.say.bias, 1.0)
+    found = field(**values)
+    assert (found.mask > plain.mask).all()
+    assert (found.image > plain.image)[plain.image < 0.99].all()
+    torch.testing.assert_close(found.depth, plain.depth)
+
+
+def test_refined_pictures_are_drawn_whole():
+    values = {name: torch.zeros(1, *v.shape) for name, v in RadianceField(3, (4, 3), 4, 16).variables.items()}
+    some = torch.tensor([[1, 5, 9], [0, 4, 8]])
+    with pytest.raises(ValueError, match=r"whole pictures where refined is true, so pixel_stride must be 1"):
+        RadianceField(3, (4, 3), 4, 16)(pixels=some, **values)
+
+
+@pytest.mark.parametrize("refined", [True, False])
+def test_a_held_code_has_its_volume_computed_once(monkeypatch, refined):
+    field, calls = RadianceField(3, (4, 3), 4, 16, refined=refined), []
     real = RadianceField._volume
     monkeypatch.setattr(RadianceField, "_volume", lambda self, code: calls.append(len(code)) or real(self, code))
     bound = field.bind(code=torch.zeros(3), elevation=torch.tensor(0.1))
     for _ in range(3):
         bound(azimuth=torch.zeros(5))
     assert calls == [1]
+    held, free = bound(azimuth=torch.ones(2)), {"code": torch.zeros(2, 3), "elevation": torch.full((2,), 0.1)}
+    torch.testing.assert_close(held.image, field(azimuth=torch.ones(2), **free).image)
 
 
 def test_what_sticks_out_of_the_box_is_not_drawn():
@@ -134,7 +160,7 @@ def test_a_camera_inside_the_object_is_refused():
 
 def test_single_pixels_are_those_of_the_whole_picture():
     torch.manual_seed(0)
-    field = RadianceField(4, (8, 4), 6, image_size=16)
+    field = RadianceField(4, (8, 4), 6, image_size=16, refined=False)
     values = {"code": torch.randn(2, 4), "azimuth": torch.tensor([0.3, 2.0]), "elevation": torch.tensor([0.5, -0.2])}
     with torch.no_grad():
         whole = field(**values)

@@ -396,7 +396,7 @@ def test_the_command_line_trains_goes_on_and_packs(tmp_path):
 
 
 def test_a_step_on_thinned_pixels_draws_a_share_of_the_points_and_its_loss_is_on_average_the_whole_step_s(monkeypatch):
-    field = RadianceField(4, (4, 3), 4, image_size=SIDE)
+    field = RadianceField(4, (4, 3), 4, image_size=SIDE, refined=False)
     model = build(generator=field, pixel_stride=2)
     plain = build(generator=field, encoder=model.encoder, extents=model.extents)
     for one in (model, plain):
