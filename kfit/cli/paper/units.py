@@ -30,7 +30,7 @@ TABLES = {
     "1a": ("without_3d", "without_vae", "full"),
     "1b": ("code_4", "full", "code_128"),
     "2a": ("full+l1", "full+l2", "full+ssim", "full+no_prior", "full", "full+kfit"),
-    "backbone": ("full", "field"),
+    "backbone": ("full", "field", "full+kfit", "field+kfit"),
     "curves": ("full", "field+kfit", "field+depth", "regressor", "coordinates", "pose_head"),
     "robustness": ("full+robustness", "regressor+robustness"),
 }
@@ -88,7 +88,7 @@ class Measuring:
         found = fits.by_fit(model, views, self._pipeline(model, how), self._teller(f"{category}, {variant} {how}"))
         if not how:
             arrays["samples"] = (255 * fits.prior_samples(model, SAMPLES, self.seed)).round().byte().numpy()
-            arrays["l1"] = np.array(fits.novel_view_l1(model, self.training.cache))
+            arrays["l1"] = np.array(fits.novel_view_l1(model, self.training.cache))  # (2,): held-out families, known
             arrays["multiply_adds"] = np.array(fits.multiply_adds(model.generator))
             energy, rotation = fits.path_of(found.results, views, category)
             arrays["path_energy"], arrays["path_rotation"] = np.array(energy), np.array(rotation)
