@@ -5,6 +5,7 @@ from kfit.training.coordinate_training import CoordinateTraining
 from kfit.training.disturb import Disturb
 from kfit.training.jitter import Jitter
 from kfit.training.orientation_training import OrientationTraining
+from kfit.training.photograph import Photograph
 from kfit.training.picture_grid import PictureGrid
 from kfit.training.pose_training import PoseTraining
 from kfit.training.recolor import Recolor
@@ -15,6 +16,7 @@ __all__ = [
     "Disturb",
     "Jitter",
     "OrientationTraining",
+    "Photograph",
     "PictureGrid",
     "PoseTraining",
     "Recolor",

@@ -13,6 +13,7 @@ from kfit.core import Encoder, Energy, Generator, Rendering, frozen
 from kfit.core.check import check_names, check_range
 from kfit.generators import ExtentsHead
 from kfit.training.jitter import Jitter
+from kfit.training.photograph import Photograph
 from kfit.training.training import Training
 
 TAKEN = {"extents", "kl", "l1", "loss"}  # in the log, beside the losses
@@ -39,6 +40,7 @@ class ConditionalVAE(Training):
         extents_weight: w_ext.
         rate: largest learning rate of Adam; it rises over the first twentieth of the steps and falls as a cosine.
         jitter: how the encoder's view is disturbed; None shows it as it is.
+        photograph: how that view is made to look like a cut-out of a photo first; None leaves it clean.
         pixel_stride: draw and compare every such row and column of the target alone, from a random first one on, which
             is less work where a generator draws pixels by themselves, as `kfit.generators.RadianceField` does. Losses
             that look at neighbourhoods see thinned pictures.
@@ -64,6 +66,7 @@ class ConditionalVAE(Training):
         jitter: Jitter | None = None,
         compile: bool = False,
         pixel_stride: int = 1,
+        photograph: Photograph | None = None,
     ) -> None:
         super().__init__()
         check_range("pixel_stride", pixel_stride, 1, 64)
@@ -78,7 +81,7 @@ class ConditionalVAE(Training):
         self.losses = frozen(nn.ModuleDict(losses))
         self.loss_weights = {name: 1.0 for name in losses} | (loss_weights or {})
         self.kl_weight, self.extents_weight, self.rate = kl_weight, extents_weight, rate
-        self.jitter, self.compiles, self.pixel_stride = jitter, compile, pixel_stride
+        self.jitter, self.photograph, self.compiles, self.pixel_stride = jitter, photograph, compile, pixel_stride
 
     def on_fit_start(self) -> None:
         # Fixed networks, in the losses and in encoders, stay in evaluation mode, as they should.
@@ -93,7 +96,10 @@ class ConditionalVAE(Training):
         return drawn
 
     def training_step(self, batch: dict[str, Tensor], batch_idx: int) -> Tensor:
-        seen = batch["source"] if self.jitter is None else self.jitter(batch["source"])
+        seen = batch["source"]
+        if self.photograph is not None:
+            seen = self.photograph(seen, batch["source_mask"])
+        seen = seen if self.jitter is None else self.jitter(seen)
         mean, log_variance = self.encoder(seen)
         code = mean + (0.5 * log_variance).exp() * torch.randn_like(mean)
         batch, thinned = self._thin(batch)

@@ -9,6 +9,7 @@ from torch import Tensor
 
 from kfit.generators import PoseHead
 from kfit.training.jitter import Jitter
+from kfit.training.photograph import Photograph
 from kfit.training.recolor import Recolor
 from kfit.training.training import Training
 
@@ -27,6 +28,7 @@ class PoseTraining(Training):
         weight_decay: of AdamW.
         jitter: how views are turned, shifted and scaled; None shows them as they are.
         recolor: how their colours are changed; None leaves them.
+        photograph: how they are made to look like cut-outs of photos; None leaves them clean.
         compile: compile the head (`torch.compile`). Without a C++ compiler training goes on uncompiled.
 
     Raises:
@@ -40,12 +42,13 @@ class PoseTraining(Training):
         weight_decay: float = 1e-3,
         jitter: Jitter | None = None,
         recolor: Recolor | None = None,
+        photograph: Photograph | None = None,
         compile: bool = False,
     ) -> None:
         super().__init__()
         self.remember(inspect.currentframe())
         self.pose_head, self.rate, self.weight_decay = pose_head, rate, weight_decay
-        self.jitter, self.recolor, self.compiles = jitter, recolor, compile
+        self.jitter, self.recolor, self.photograph, self.compiles = jitter, recolor, photograph, compile
 
     def on_fit_start(self) -> None:
         if self.compiles:
@@ -59,6 +62,8 @@ class PoseTraining(Training):
     def training_step(self, batch: dict[str, Tensor], batch_idx: int) -> Tensor:
         image, azimuth, elevation = _views(batch)
         with torch.no_grad():
+            if self.photograph is not None:
+                image = self.photograph(image, torch.cat([batch["source_mask"], batch["target_mask"]]))
             image = image if self.recolor is None else self.recolor(image)
             image = image if self.jitter is None else self.jitter(image)
         loss = self.pose_head.divergence(self(image), azimuth, elevation).mean()

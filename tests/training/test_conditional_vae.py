@@ -161,6 +161,17 @@ class TestTheLoss:
         assert len(seen) == 1
         assert seen[0] is given["source"]
 
+    def test_shows_the_encoder_a_photograph_of_the_view_jittered(self, logged):
+        module, given, seen = build(), batch(), []
+        given["source_mask"] = given["source"][:, :1]
+        module.photograph, module.jitter = (
+            (lambda image, mask: image * mask),
+            (lambda image: seen.append(image) or image),
+        )
+        with torch.no_grad():
+            module.training_step(given, 0)
+        torch.testing.assert_close(seen[0], given["source"] * given["source_mask"])
+
 
 class TestLossNetworks:
     @quiet
@@ -269,7 +280,7 @@ class TestCheckpoint:
         saved = torch.load(tmp_path / "all.ckpt", weights_only=True)
         assert dict(saved["hyper_parameters"]) == {
             "loss_weights": {"mask": 0.2}, "kl_weight": 0.01, "extents_weight": 0.3, "rate": 0.01, "compile": False,
-            "pixel_stride": 1,
+            "pixel_stride": 1, "photograph": None,
         }  # fmt: skip
         again = build()
         again.load_state_dict(saved["state_dict"])
@@ -278,7 +289,7 @@ class TestCheckpoint:
     @pytest.mark.parametrize("jitter", [None, Jitter()])
     def test_leaves_no_network_among_the_hyperparameters(self, jitter):
         module = build(jitter=jitter)
-        plain = {"loss_weights", "kl_weight", "extents_weight", "rate", "compile", "pixel_stride"}
+        plain = {"loss_weights", "kl_weight", "extents_weight", "rate", "compile", "pixel_stride", "photograph"}
         plain |= set() if jitter else {"jitter"}
         assert set(module.hparams) == set(module.hparams_initial) == plain
 

@@ -65,6 +65,19 @@ def test_views_are_recoloured_then_turned_in_training_alone(logged):
     torch.testing.assert_close(seen[1], shown)
 
 
+def test_views_are_photographed_by_their_own_masks_first(logged):
+    seen = []
+    module = build(photograph=lambda image, mask: image * mask, recolor=lambda image: image / 2).eval()
+    module.pose_head.register_forward_pre_hook(lambda _, inputs: seen.append(inputs[0]))
+    given = batch()
+    masks = {f"{name}_mask": given[name][:, :1] for name in ("source", "target")}
+    with torch.no_grad():
+        module.training_step(given | masks, 0)
+    torch.testing.assert_close(
+        seen[0], torch.cat([given[name] * given[name][:, :1] for name in ("source", "target")]) / 2
+    )
+
+
 @quiet
 def test_some_steps_lessen_the_loss_and_the_checkpoint_holds_plain_data_alone(tmp_path):
     given = batch()
@@ -80,7 +93,8 @@ def test_some_steps_lessen_the_loss_and_the_checkpoint_holds_plain_data_alone(tm
     trainer.save_checkpoint(tmp_path / "all.ckpt")
     saved = torch.load(tmp_path / "all.ckpt", weights_only=True)
     assert dict(saved["hyper_parameters"]) == {
-        "rate": 0.01, "weight_decay": 1e-3, "jitter": None, "recolor": None, "compile": False,
+        "rate": 0.01, "weight_decay": 1e-3, "jitter": None, "recolor": None, "photograph": None,
+        "compile": False,
     }  # fmt: skip
 
 

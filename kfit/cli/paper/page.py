@@ -70,7 +70,8 @@ def page(units: Units, tables: list[str], categories: list[str], how: Measuring,
         f"shape families and texture families held out of training (seed {how.seed}), cut out by their true masks. "
         f"Fits take {schedule.starts} starts on an even grid and {schedule.steps} steps, pruned as kfit does. "
         "L1 is that of a view drawn by what the encoder saw in another one, over 1,000 views of held-out families and "
-        "over as many of new objects of the families that training showed, as the paper's test objects are. "
+        "over as many of new objects of the families that training showed, as the paper's test objects are; then, over "
+        "50 views of held-out families, that of the code which draws the view itself best. "
         "Symmetric classes, and mugs whose handle is hidden, are judged by their axis. With one object a picture and "
         f"no detector, AP at a threshold is the share of views below it; of {how.views} views one is "
         f"{100 / how.views:.1f} points, so differences of less than {100 / how.views**0.5:.0f} points say little. "
@@ -90,14 +91,15 @@ def page(units: Units, tables: list[str], categories: list[str], how: Measuring,
 
 def _rows(units: Units, table: str, category: str) -> list[str]:
     published = any(key[0] == table for key in PUBLISHED)
-    head = [category, "L1", "L1, known families", "median", "AP5", "AP10", "AP30", "AP60", "translation, median"]
+    head = [category, "L1", "L1, known families", "L1, code fitted", "median", "AP5", "AP10", "AP30", "AP60"]
+    head += ["translation, median"]
     head += ["G multiply-adds"] if table == "backbone" else []
     head += ["paper: L1", "AP10", "AP60"] if published else []
     lines = [f"| {' | '.join(head)} |", "|---" + "|---:" * (len(head) - 1) + "|"]
     for unit in TABLES[table]:
         arrays = units[category, unit]
         wrong = np.nan_to_num(arrays["rotation_deg"], nan=180.0)
-        l1 = [f"{value:.4f}" for value in arrays["l1"]] if "l1" in arrays else ["–", "–"]
+        l1 = [f"{value:.4f}" for value in arrays["l1"]] if "l1" in arrays else 3 * ["–"]
         shift = f"{np.nanmedian(arrays['translation_cm']):.1f} cm" if "translation_cm" in arrays else "–"
         cells = [title_of(unit, table), *l1, f"{np.median(wrong):.1f}°"]
         cells += [f"{100 * (wrong < limit).mean():.0f}" for limit in (5, 10, 30, 60)]

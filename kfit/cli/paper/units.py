@@ -88,7 +88,7 @@ class Measuring:
         found = fits.by_fit(model, views, self._pipeline(model, how), self._teller(f"{category}, {variant} {how}"))
         if not how:
             arrays["samples"] = (255 * fits.prior_samples(model, SAMPLES, self.seed)).round().byte().numpy()
-            arrays["l1"] = np.array(fits.novel_view_l1(model, self.training.cache))  # (2,): held-out families, known
+            arrays["l1"] = np.array(fits.novel_view_l1(model, self.training.cache))
             arrays["multiply_adds"] = np.array(fits.multiply_adds(model.generator))
             energy, rotation = fits.path_of(found.results, views, category)
             arrays["path_energy"], arrays["path_rotation"] = np.array(energy), np.array(rotation)
