@@ -23,7 +23,16 @@ from kfit.core import (
     Variable,
 )
 from kfit.geometry import rotation_error, rotation_from_angles
-from kfit.initializers import Constant, EncoderPosterior, FromDepth, PosePosterior, Previous, SphereGrid, Uniform
+from kfit.initializers import (
+    Constant,
+    EncoderPosterior,
+    FromDepth,
+    FromMask,
+    PosePosterior,
+    Previous,
+    SphereGrid,
+    Uniform,
+)
 
 VARIABLES = {
     "code": Variable((3,)),
@@ -87,6 +96,7 @@ BUILD = {
     Constant: [lambda: Constant({"scale": 1.5, "shift": [0.1, -0.2]}), lambda: Constant({"shift": 0.25})],
     EncoderPosterior: [lambda: EncoderPosterior(TinyEncoder()), lambda: EncoderPosterior(TinyEncoder(), spread=0.0)],
     FromDepth: [lambda: FromDepth(1.1)],
+    FromMask: [FromMask],
     PosePosterior: [
         lambda: PosePosterior(TinyPoseNetwork(6)),
         lambda: PosePosterior(TinyPoseNetwork(1)),
@@ -108,8 +118,11 @@ built = [
 def observation(keys=(11, 12, 13)):
     rng, rows = torch.Generator().manual_seed(0), [key - 11 for key in keys]
     pictures, depth = torch.rand(3, 3, 8, 8, generator=rng), 1 + torch.rand(3, 1, 8, 8, generator=rng)
+    mask = torch.zeros(3, 1, 8, 8)
+    for row in range(3):
+        mask[row, :, row : 4 + row, 1 : 6 - row] = 1
     cameras = torch.diag_embed(torch.tensor([[20.0, 20.0, 1.0], [30.0, 30.0, 1.0], [40.0, 40.0, 1.0]]))
-    return Observation(pictures[rows], depth=depth[rows], intrinsics=cameras[rows], keys=keys)
+    return Observation(pictures[rows], mask[rows], depth=depth[rows], intrinsics=cameras[rows], keys=keys)
 
 
 def starts(initializer, seen, num_starts=6, seed=0):

@@ -17,13 +17,13 @@ from torch.utils.flop_counter import FlopCounterMode
 from kfit import FitPipeline
 from kfit.baselines import CoordinateRegressor, OrientationRegressor, pose_of_coordinates
 from kfit.callbacks import Pruning
-from kfit.core import Energy, FitResult, Generator, PoseNetwork, frozen
+from kfit.core import Energy, FitResult, Generator, Initializer, PoseNetwork, frozen
 from kfit.data import ViewsDataModule
 from kfit.energies import L1, L2, SSIM, CodePrior, Perceptual
 from kfit.features import EfficientNetLite0
 from kfit.generators import SimilarityWarp
 from kfit.geometry import CATEGORIES, from_opencv, rotation_error, rotation_from_angles
-from kfit.initializers import Constant, EncoderPosterior, PosePosterior, SphereGrid
+from kfit.initializers import Constant, EncoderPosterior, FromMask, PosePosterior, SphereGrid
 from kfit.models import CategoryModel
 from kfit.models.accuracy import UnseenViews, rotation_errors, translation_errors
 from kfit.models.category_model import RATES
@@ -90,16 +90,23 @@ class Found:
         return found
 
 
-def paper_fit(model: CategoryModel, schedule: Schedule, energy: str = "perceptual", prior: bool = True) -> FitPipeline:
-    """The paper's fit: one energy of the picture and the code prior, starts on a grid, Adam at the released rates."""
+def paper_fit(
+    model: CategoryModel, schedule: Schedule, energy: str = "perceptual", prior: bool = True, centred: bool = True
+) -> FitPipeline:
+    """The paper's fit: one energy of the picture and the code prior, starts on a grid, Adam at the released rates.
+
+    Where the pictures are not cut out around their objects (``centred`` false), drawings start where the mask is.
+    """
     make, weight = ENERGIES[energy]
+    place: list[Initializer] = [Constant({"shift": 0.0})] if centred else [FromMask()]
     return FitPipeline(
         SimilarityWarp(model.generator),
         {energy: make(), **({"prior": CodePrior()} if prior else {})},
         [
             SphereGrid(elevation_deg=(0.0, 60.0)),
             EncoderPosterior(model.encoder),
-            Constant({"roll": 0.0, "shift": 0.0, "scale": 1.0}),
+            Constant({"roll": 0.0, "scale": 1.0}),
+            *place,
         ],
         Adam(RATES, betas=(0.5, 0.999)),
         weights={"prior": weight} if prior else None,

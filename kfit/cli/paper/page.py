@@ -116,7 +116,8 @@ def _robustness_rows(units: Units) -> list[str]:
     lines = [
         f"Mean (median) rotation error over {len(units[STUDIED, methods[0]][names[0]])} views of {STUDIED}s, at most "
         f"{ROBUST_VIEWS}; *instances* are those of training. The regressor was trained with brightness changed by up "
-        "to 40 %, up to 20 % hidden and shifts of up to 25 %, the generator with none of these.",
+        "to 40 %, up to 20 % hidden and shifts of up to 25 %, the generator with none of these; its fits start "
+        "where the mask is.",
         "",
         f"| change | {' | '.join(title_of(unit) for unit in methods)} |",
         "|---|" + "---:|" * len(methods),

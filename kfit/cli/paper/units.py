@@ -109,7 +109,8 @@ class Measuring:
             if variant == "regressor":
                 found = self._read_out(variant, category, checkpoint, views)
             else:
-                found = fits.by_fit(model, views, self._pipeline(model, ""), lambda done: None)
+                pipeline = fits.paper_fit(model, self.schedule, centred=False)
+                found = fits.by_fit(model, views, pipeline, lambda done: None)
             arrays[name] = found.rotation_deg.numpy()
         return arrays
 
