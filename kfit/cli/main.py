@@ -1,4 +1,4 @@
-"""The command line: ``kfit pose``, ``evaluate``, ``pack``, ``export``, ``bench`` and Lightning's own commands."""
+"""The command line: ``kfit pose``, ``evaluate``, ``pack``, ``calibrate``, ``export``, ``bench`` and Lightning's own."""
 
 from __future__ import annotations
 
@@ -9,10 +9,17 @@ from collections.abc import Sequence
 from jsonargparse import ArgumentParser, Namespace
 
 from kfit import __version__
-from kfit.cli import bench, evaluate, export, pack, pose
+from kfit.cli import bench, calibrate, evaluate, export, pack, pose
 
 TRAINING = ("fit", "validate", "test", "predict")
-COMMANDS = {"pose": pose, "evaluate": evaluate, "pack": pack, "export": export, "bench": bench}
+COMMANDS = {
+    "pose": pose,
+    "evaluate": evaluate,
+    "pack": pack,
+    "calibrate": calibrate,
+    "export": export,
+    "bench": bench,
+}
 
 
 def parser() -> ArgumentParser:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -12,10 +14,13 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from kfit.core import FitResult, Observation
-from kfit.data import build, pose_view
+from kfit.data import Light, Mesh, build, pose_view
 from kfit.data.rasterizer import View, standard_intrinsics
 from kfit.geometry import Crop, observed, rotation_error, rotation_from_angles
+from kfit.metrics import summary
 from kfit.models.category_model import CategoryModel
+from kfit.models.pose_result import PoseResult
+from kfit.models.sighting import Sighting
 from kfit.pipeline import FitPipeline
 
 # A mug "shows its handle" when the handle covers this share of the mask; else NOCS lets it turn freely.
@@ -27,7 +32,7 @@ FIELDS = ("image", "mask", "depth", "intrinsics")
 
 @dataclass(frozen=True)
 class UnseenViews:
-    """Photos of unseen procedural objects, cut out as `CategoryModel.pose` cuts a photo, with their true poses.
+    """Photos of unseen objects, cut out as `CategoryModel.pose` cuts a photo, with their true poses.
 
     Attributes:
         observation: N problems, with depth and intrinsics.
@@ -36,6 +41,8 @@ class UnseenViews:
         distance: (N,) of the objects' centres on the photo's axis, in metres.
         crops: N squares that were cut out.
         intrinsics: (3, 3) of the photos.
+        photos: N pictures (H, W, 3) in [0, 1] on white.
+        masks: N of them, (H, W) in [0, 1].
     """
 
     observation: Observation
@@ -44,6 +51,8 @@ class UnseenViews:
     distance: Tensor
     crops: list[Crop]
     intrinsics: Tensor
+    photos: list[NDArray[np.float32]]
+    masks: list[NDArray[np.float32]]
 
 
 def unseen_views(
@@ -51,18 +60,27 @@ def unseen_views(
 ) -> UnseenViews:
     """Draw one view each of ``num_views`` objects of seeds and of shape and texture families held out of training.
 
+    They are drawn by `views_of`. For comparison, ``training`` shows objects of training instead.
+    """
+    # Far from the seeds that training and its validation count up from 0.
+    first = 0 if training else 1_000_000 + 1_000 * seed
+    objects = (build(model.card.category, first + number, held_out=not training) for number in range(num_views))
+    return views_of(model, objects, seed, photo_size)
+
+
+def views_of(
+    model: CategoryModel, objects: Iterable[tuple[Mesh, Light]], seed: int = 0, photo_size: int = 256
+) -> UnseenViews:
+    """Draw one view each of normalised objects in NOCS's frame.
+
     Azimuths over the full circle, elevations over the card's range, the training camera; each is drawn as a photo of
     ``photo_size`` pixels and cut out by its mask, so that scale and shift are unknown as they are in photos. Objects
-    are up to a fifth larger or smaller than the category's mean. For comparison, ``training`` shows those of training
-    instead.
+    are up to a fifth larger or smaller than the category's mean.
     """
     card = model.card
     camera = torch.from_numpy(standard_intrinsics(photo_size, card.distance, card.unit_fraction)).double()
-    pieces, crops, rotations, visible, diagonals = [], [], [], [], []
-    for number in range(num_views):
-        # Far from the seeds that training and its validation count up from 0.
-        index = number if training else 1_000_000 + 1_000 * seed + number
-        mesh, light = build(card.category, index, held_out=not training)
+    pieces, crops, rotations, visible, diagonals, photos, masks = [], [], [], [], [], [], []
+    for number, (mesh, light) in enumerate(objects):
         rng = np.random.default_rng([seed, number])
         azimuth, elevation = rng.uniform(-math.pi, math.pi), math.radians(rng.uniform(*card.elevation_deg))
         view = pose_view(mesh, elevation, azimuth, light, photo_size, card.distance, card.unit_fraction)
@@ -73,10 +91,13 @@ def unseen_views(
         diagonals.append(diagonal)
         rotations.append(rotation_from_angles(*torch.tensor([azimuth, elevation, 0.0], dtype=torch.float64)))
         visible.append(card.category != "mug" or handle_share(view, mesh.extents) >= HANDLE_SHARE)
+        photos.append(view.image)
+        masks.append(view.mask)
     fields = {name: torch.cat([piece.field(name) for piece in pieces]) for name in FIELDS}
-    seen = Observation(**fields, keys=tuple(range(num_views)))
+    seen = Observation(**fields, keys=tuple(range(len(pieces))))
     distance = card.distance * torch.tensor(diagonals)
-    return UnseenViews(seen, torch.stack(rotations), torch.tensor(visible), distance, crops, camera)
+    shown = torch.tensor(visible)
+    return UnseenViews(seen, torch.stack(rotations), shown, distance, crops, camera, photos, masks)
 
 
 def handle_share(view: View, extents: NDArray[np.float32]) -> float:
@@ -97,7 +118,9 @@ def rotation_errors(
     batch_size: int = 10,
     on_batch: Callable[[int], None] = lambda done: None,
 ) -> tuple[Tensor, list[FitResult]]:
-    """Fit all views and compare: errors (N,) in degrees by the category's symmetry, NaN where a fit failed.
+    """Fit all views and compare: errors (N,) in degrees as NOCS judges them, NaN where a fit failed.
+
+    Symmetric classes, and mugs whose handle is hidden, are judged by their axis.
 
     Args:
         model: what is measured.
@@ -108,7 +131,7 @@ def rotation_errors(
     """
     pipeline = pipeline or model.pipeline()
     errors, results = [], []
-    seen = views.observation
+    seen, symmetry = views.observation, model.card.known.symmetry
     for first in range(0, seen.num_problems, batch_size):
         rows = slice(first, first + batch_size)
         fields = {name: seen.field(name)[rows] for name in FIELDS}
@@ -116,7 +139,8 @@ def rotation_errors(
         result = pipeline(piece, seed=0)
         angles = (result.values[name].double() for name in ("azimuth", "elevation", "roll"))
         found = rotation_from_angles(*angles)
-        errors.append(rotation_error(found, views.rotation[rows], model.card.known.symmetry).rad2deg())
+        full, by_axis = (rotation_error(found, views.rotation[rows], how) for how in (symmetry, "y"))
+        errors.append(torch.where(views.visible[rows], full, by_axis).rad2deg())
         results.append(result)
         on_batch(min(first + batch_size, seen.num_problems))
     return torch.cat(errors), results
@@ -132,6 +156,14 @@ def translation_errors(model: CategoryModel, views: UnseenViews, results: list[F
     return torch.stack(errors)
 
 
+def answer_to(model: CategoryModel, views: UnseenViews, results: list[FitResult], number: int) -> PoseResult:
+    """What `CategoryModel.pose` would have answered to one view that `rotation_errors` fitted without failing."""
+    fit = [result.of(row) for result in results for row in range(len(result.energy))][number]
+    fields = {name: views.observation.field(name)[number : number + 1] for name in FIELDS}
+    seen = Observation(**fields, keys=(number,))
+    return model.answer(fit, Sighting(seen, views.masks[number], views.crops[number], views.intrinsics, "given", ()))
+
+
 def called_ambiguous(model: CategoryModel, views: UnseenViews, results: list[FitResult]) -> Tensor:
     """Whether each view's answer is said to be ambiguous, (N,): what `rotation_errors` found, judged as `pose` does."""
     said: list[bool] = []
@@ -141,6 +173,63 @@ def called_ambiguous(model: CategoryModel, views: UnseenViews, results: list[Fit
         # Where no start was left, nothing is sure.
         said.append(not len(fit.all_energy) or model.judged(fit, upright, image)[1] is not None)
     return torch.tensor(said)
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Fits of views, judged.
+
+    Attributes:
+        rotation_deg: (N,) as `rotation_errors` judges.
+        translation_cm: (N,).
+        visible: (N,) False where a mug's handle is hidden.
+        ambiguous: (N,) whether the answer is said to be so.
+        results: the fits, in batches.
+        seconds: a view.
+    """
+
+    rotation_deg: Tensor
+    translation_cm: Tensor
+    visible: Tensor
+    ambiguous: Tensor
+    results: list[FitResult]
+    seconds: float
+
+    def figures(self) -> dict[str, Any]:
+        """Numbers, medians and shares for all views and, where some hide a handle, for those that show it; how many of
+        the right, the wrong and the undecidable answers are called ambiguous; and what it cost."""
+        right = self.visible & (self.rotation_deg < RIGHT_DEG)
+        groups = {
+            f"answers within {RIGHT_DEG:g}°": right,
+            "other answers": self.visible & ~right,
+            "hidden handles": ~self.visible,
+        }
+        views = {"all views": torch.ones_like(self.visible)}
+        if not bool(self.visible.all()) and bool(self.visible.any()):
+            views["views that show the handle"] = self.visible
+        drawn = sum(result.num_evaluations for result in self.results) / len(self.visible)
+        return {
+            **{name: {"number": int(rows.sum()), **summary(self.rotation_deg[rows])} for name, rows in views.items()},
+            "median translation error in cm": float(self.translation_cm.nanmedian()),
+            "called ambiguous": {
+                name: {"number": int(rows.sum()), "called ambiguous": float(self.ambiguous[rows].double().mean())}
+                for name, rows in groups.items()
+                if bool(rows.any())
+            },
+            "pictures a view": drawn,
+            "seconds a view": self.seconds,
+        }
+
+
+def measure(
+    model: CategoryModel, views: UnseenViews, pipeline: FitPipeline, on_batch: Callable[[int], None] = lambda done: None
+) -> Measured:
+    """Fit all views as `rotation_errors` does, and judge the answers."""
+    begun = time.perf_counter()
+    errors, results = rotation_errors(model, views, pipeline, on_batch=on_batch)
+    spent = (time.perf_counter() - begun) / len(errors)
+    away, told = 100 * translation_errors(model, views, results), called_ambiguous(model, views, results)
+    return Measured(errors, away, views.visible, told, results, spent)
 
 
 def _unblended(view: View) -> NDArray[np.float32]:

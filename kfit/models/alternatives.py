@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import torch
 from torch import Tensor
 
@@ -20,6 +22,24 @@ from kfit.models.pose_result import Alternative
 
 # An answer with less than this share of the starts' weight, or of the pose head's probability, is called ambiguous.
 SURE, LIKELY = 0.8, 0.75
+
+
+class Verdict(NamedTuple):
+    """What the ends of a fit's starts say of its answer.
+
+    Attributes:
+        alternatives: distinct poses, the answer first.
+        ambiguity: a sentence where the answer is ambiguous.
+        confidence: in [0, 1], see `kfit.models.calibration.confidence`.
+        doubt: a sentence where that is not calibrated, or the energy is unusually high.
+        seen: the share of probability that a pose head gives the answer, if there is one.
+    """
+
+    alternatives: list[Alternative]
+    ambiguity: str | None
+    confidence: float
+    doubt: str | None
+    seen: float | None
 
 
 def alternatives(fit: FitResult, turn: Tensor, symmetry: Symmetry) -> list[Alternative]:

@@ -7,9 +7,13 @@ from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
+from kfit.core.check import check_names
 from kfit.geometry import CATEGORIES, Category
+from kfit.models.calibration import Calibration
 
 FORMAT = 1
+# Of fits that a calibration may be of: to colour alone, and to depth too.
+KINDS = ("RGB", "RGB-D")
 
 
 @dataclass
@@ -29,6 +33,8 @@ class Card:
             wrong poses differ much, as a laptop's do.
         training: command, data, number of pairs, seed, versions.
         accuracy: measured figures, by the name of what they were measured on.
+        calibration: what confidence rests on, for fits of ``"RGB"`` and of ``"RGB-D"``, as far as `kfit calibrate`
+            measured them.
         format: version of this layout.
     """
 
@@ -43,6 +49,7 @@ class Card:
     pose_weight: float = 0.1
     training: dict[str, Any] = field(default_factory=dict)
     accuracy: dict[str, Any] = field(default_factory=dict)
+    calibration: dict[str, Calibration] = field(default_factory=dict)
     format: int = FORMAT
 
     @property
@@ -69,10 +76,19 @@ class Card:
         except (json.JSONDecodeError, UnicodeDecodeError) as error:
             raise ValueError(f"{path} is not a model card: {error}") from None
         names = {f.name for f in fields(Card)}
+        if isinstance(said, dict):
+            said = {"calibration": {}, **said}  # cards from before there were any
         if not isinstance(said, dict) or set(said) != names or said["format"] != FORMAT:
             raise ValueError(
                 f"{path} is not a model card of format {FORMAT}: it must hold just {', '.join(sorted(names))}"
             )
         if said["category"] not in CATEGORIES:
             raise ValueError(f"{path} names category {said['category']!r}; those known are {', '.join(CATEGORIES)}")
-        return Card(**{**said, "elevation_deg": tuple(said["elevation_deg"])})
+        try:
+            if not isinstance(said["calibration"], dict):
+                raise ValueError("it must be a dictionary")
+            check_names("calibration", said["calibration"], KINDS)
+            calibration = {kind: Calibration.of(one) for kind, one in said["calibration"].items()}
+        except ValueError as error:
+            raise ValueError(f"{path} holds a calibration that cannot be used: {error}") from None
+        return Card(**{**said, "elevation_deg": tuple(said["elevation_deg"]), "calibration": calibration})

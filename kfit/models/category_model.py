@@ -28,9 +28,10 @@ from kfit.features import EfficientNetLite0
 from kfit.generators import ExtentsHead, MetricDepth, SimilarityWarp
 from kfit.geometry import Crop, diagonal_at, pose_from_crop, to_opencv
 from kfit.initializers import Constant, EncoderPosterior, FromDepth, PosePosterior, SphereGrid
-from kfit.models.alternatives import alternatives, fitted_rotations, seen_share, warning
+from kfit.models.alternatives import Verdict, alternatives, fitted_rotations, seen_share, warning
+from kfit.models.calibration import confidence
 from kfit.models.card import Card
-from kfit.models.pose_result import Alternative, PoseResult
+from kfit.models.pose_result import PoseResult
 from kfit.models.sighting import Sighting
 from kfit.optimizers import Adam, Stages
 from kfit.pipeline import FitPipeline
@@ -188,13 +189,14 @@ class CategoryModel:
             diagonal = diagonal_at(values["distance"], shift, scale, crop, camera, unit)
         return *pose_from_crop(*angles, shift, scale, crop, camera, diagonal, unit), diagonal
 
-    def judged(self, fit: FitResult, turn: Tensor, image: Tensor) -> tuple[list[Alternative], str | None]:
-        """The alternatives of a fit of one problem, and a sentence where its answer is ambiguous; see
-        `kfit.models.alternatives`."""
+    def judged(self, fit: FitResult, turn: Tensor, image: Tensor) -> Verdict:
+        """What the ends of a fit's starts say of the answer of one problem; see `kfit.models.alternatives`."""
         symmetry, head = self.card.known.symmetry, self.pose_head
         found = alternatives(fit, turn, symmetry)
         seen = None if head is None else seen_share(fit, image, head, symmetry)
-        return found, warning(found, seen, symmetry)
+        calibration = self.card.calibration.get("RGB-D" if "distance" in fit.values else "RGB")
+        sure, doubt = confidence(calibration, fit, found, seen)
+        return Verdict(found, warning(found, seen, symmetry), sure, doubt, seen)
 
     def answer(self, fit: FitResult, seen: Sighting) -> PoseResult:
         """What a fit of one problem says of the object that was seen."""
@@ -205,7 +207,7 @@ class CategoryModel:
             drawing = warped(**{name: fit.values[name] for name in warped.variables}).image[0].permute(1, 2, 0)
         # From the crop's virtual camera to the photo's: the same turn for every start, up to their shifts.
         turn = rotation[0] @ to_opencv(fitted_rotations(fit.values))[0].mT
-        found, said = self.judged(fit, turn, seen.observation.image)
+        verdict = self.judged(fit, turn, seen.observation.image)
         rows, columns = np.nonzero(seen.mask > 0.5)
         left, top = int(columns.min()), int(rows.min())
         return PoseResult(
@@ -216,12 +218,12 @@ class CategoryModel:
             size_from="depth" if "distance" in fit.values else "mean size",
             bbox_xywh=(left, top, int(columns.max()) + 1 - left, int(rows.max()) + 1 - top),
             energy=float(fit.energy[0]),
-            confidence=found[0].weight,
-            ambiguous=said is not None,
-            alternatives=found,
+            confidence=verdict.confidence,
+            ambiguous=verdict.ambiguity is not None,
+            alternatives=verdict.alternatives,
             intrinsics=seen.intrinsics.double().numpy(),
             intrinsics_from=seen.intrinsics_from,
-            notes=[*seen.notes, *([] if said is None else [said])],
+            notes=[*seen.notes, *(note for note in (verdict.doubt, verdict.ambiguity) if note is not None)],
             mask=seen.mask,
             crop=seen.crop,
             observation=seen.observation,

@@ -43,12 +43,13 @@ class PoseResult:
         size_from: "depth", or "mean size" where size and distance rest on the category's.
         bbox_xywh: left, top, width, height of the mask's box, in pixels.
         energy: of the winning start; lower is better.
-        confidence: weight of the answer among the alternatives, in [0, 1]; not a probability of being right.
+        confidence: probability in [0, 1] that the rotation is within 20° of the truth, calibrated on held-out
+            procedural views; where the model or the fit has no calibration, as a note then says, the answer's weight.
         ambiguous: whether other poses explain the picture about as well; a note says which.
         alternatives: distinct poses, the answer first, then by weight.
         intrinsics: (3, 3) that translation rests on.
         intrinsics_from: "given", "EXIF" or "assumed".
-        notes: sentences on what was assumed.
+        notes: sentences on what was assumed and what may have gone wrong.
         mask: (H, W) that was used.
         crop: the square that was fitted.
         observation: what was seen in it.

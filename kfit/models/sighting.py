@@ -6,11 +6,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
 from kfit.core import Observation
 from kfit.geometry import Crop, observed
+from kfit.geometry.crop import MARGIN
 from kfit.models.given import as_photo, choose_camera, choose_depth, choose_mask
 from kfit.segmentation import Photo, Segmenter, load_segmenter, mask_from_alpha, read_photo
 
@@ -25,7 +27,7 @@ class Sighting:
         crop: the square that the observation shows.
         intrinsics: (3, 3) of the photo.
         intrinsics_from: "given", "EXIF" or "assumed".
-        notes: sentences on what was assumed.
+        notes: sentences on what was assumed, and where the object is cut off or small.
     """
 
     observation: Observation
@@ -69,8 +71,33 @@ class Sighting:
         found = choose_mask(pixels, mask, box, alpha, segmenter, category, notes)
         camera, came_from = choose_camera(pixels, intrinsics, known, notes)
         crop = Crop.around(found, size)
+        notes += [note for note in (cut_off(found), too_small(crop)) if note is not None]
         if depth is None:
             observation = crop.cut(pixels, found)
         else:
             observation = observed(crop, pixels, found, choose_depth(depth, found), camera.double())
         return Sighting(observation, found, crop, camera, came_from, tuple(notes))
+
+
+def cut_off(mask: NDArray[Any]) -> str | None:
+    """A sentence where an object's mask (H, W) touches the picture's border."""
+    edges = {"left": mask[:, 0], "right": mask[:, -1], "top": mask[0], "bottom": mask[-1]}
+    touched = [name for name, edge in edges.items() if bool((np.asarray(edge) > 0.5).any())]
+    if not touched:
+        return None
+    where = " and ".join(filter(None, [", ".join(touched[:-1]), touched[-1]]))
+    return (
+        f"the mask touches the picture's border ({where}): the object may be cut off, and what lies outside is taken "
+        "for background"
+    )
+
+
+def too_small(crop: Crop) -> str | None:
+    """A sentence where the photo has fewer pixels for an object than the generator draws, so that it is magnified."""
+    if crop.side >= crop.size:
+        return None
+    box, needed = crop.side / MARGIN, crop.size / MARGIN
+    return (
+        f"the object is small: the longer side of its box has {box:.0f} pixels, and the drawing that is fitted to it "
+        f"{needed:.0f}; little of it can be told"
+    )

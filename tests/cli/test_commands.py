@@ -85,7 +85,7 @@ def test_a_users_mistake_gets_one_sentence_and_writes_nothing(
 
 
 def test_bench_accuracy_prints_a_table(capsys: pytest.CaptureFixture[str]) -> None:
-    main(["bench", "accuracy", "--category", "mug", "--views", "2", "--starts", "2", "--steps", "1"])
+    main(["bench", "accuracy", "--categories", "[mug]", "--views", "2", "--starts", "2", "--steps", "1"])
     said = capsys.readouterr().out
     assert "median" in said
     assert "pictures drawn" in said

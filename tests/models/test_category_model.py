@@ -46,7 +46,9 @@ def test_a_bundled_model_finds_pose_and_place_of_a_drawn_object(category: str) -
     assert math.degrees(rotation_error(torch.from_numpy(result.rotation), rotation)) < 12
     assert np.linalg.norm(result.translation - translation.numpy()) < 0.1
     assert result.intrinsics_from == "given"
-    assert result.notes == []
+    # The laptop reaches beyond the photo's right border, the mug does not; both are fitted as their cards say.
+    border = [note for note in result.notes if "the mask touches the picture's border (right)" in note]
+    assert len(border) == (category == "laptop")
     assert result.fit.num_evaluations < 32 * 51
 
 

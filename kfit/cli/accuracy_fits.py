@@ -1,0 +1,124 @@
+"""The fits of `kfit bench accuracy`: views of procedural objects and scans, objects of NOCS's frames, and sheets."""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+from jsonargparse import Namespace
+from rich.progress import Progress
+from torch import from_numpy
+
+from kfit.models import CategoryModel, PoseResult
+from kfit.models.accuracy import UnseenViews, answer_to, measure, unseen_views
+from kfit.models.nocs_accuracy import draws_depth, fit_known, known_objects
+from kfit.models.scans import find_scans, scan_views
+from kfit.reports.contact_sheet import SheetEntry, contact_sheet, evenly
+from kfit.reports.overlay import Picture
+
+# Fits on a contact sheet, as many as a reader looks at.
+NUM_SHOWN = 12
+Figures = dict[str, dict[str, Any]]
+
+
+class AccuracyFits:
+    """Fits what was asked for, and keeps a sheet of fits for each category and source if they are to be written.
+
+    Attributes:
+        sheets: pictures by file name.
+    """
+
+    def __init__(self, said: Namespace, models: dict[str, CategoryModel], bar: Progress) -> None:
+        self.said, self.models, self.bar = said, models, bar
+        self.sheets: dict[str, Picture] = {}
+
+    def procedural(self) -> Figures:
+        """Figures of each category on objects that kfit draws."""
+        found: Figures = {}
+        for category, model in self.models.items():
+            task = self.bar.add_task(f"{category}, procedural", total=self.said.views)
+            views = unseen_views(model, self.said.views, self.said.seed)
+            found[category] = self._measured(model, views, task, f"{category} procedural")
+        return found
+
+    def scans(self) -> Figures:
+        """Figures of each scan of the categories."""
+        scans, unknown = find_scans(self.said.meshes)
+        for path in unknown:
+            print(f"left out: no folder of {path} names a category; say CATEGORY={path.parent}", file=sys.stderr)
+        found: Figures = {}
+        for scan in scans:
+            model = self.models.get(scan.category)
+            if model is None:
+                continue
+            name = f"{scan.category}: {scan.name}"
+            task = self.bar.add_task(name, total=self.said.scan_views)
+            views = scan_views(model, scan, self.said.scan_views, self.said.seed)
+            found[name] = self._measured(model, views, task, f"{scan.category} scan {scan.name}")
+        return found
+
+    def _measured(self, model: CategoryModel, views: UnseenViews, task: Any, sheet: str) -> dict[str, Any]:
+        pipeline = model.pipeline(self.said.starts, self.said.steps, None if self.said.prune else (), self.said.depth)
+        done = measure(model, views, pipeline, lambda count: self.bar.update(task, completed=count))
+        if self.said.out:
+            entries = [
+                _entry(
+                    answer_to(model, views, done.results, row),
+                    views.photos[row],
+                    f"{float(done.rotation_deg[row]):.1f}°, {float(done.translation_cm[row]):.1f} cm"
+                    + ("" if views.visible[row] else ", handle hidden"),
+                )
+                for row in evenly(done.rotation_deg.tolist(), NUM_SHOWN)
+            ]
+            self._keep(sheet, entries, len(done.rotation_deg))
+        return done.figures()
+
+    def objects(self) -> list[dict[str, Any]]:
+        """Errors of each object of the categories in NOCS's frames, from colour alone and with depth."""
+        things = list(known_objects(self.said.nocs, self.models))
+        task = self.bar.add_task("NOCS's frames", total=2 * len(things))
+        callbacks = None if self.said.prune else ()
+        found: list[dict[str, Any]] = []
+        shown: dict[str, list[tuple[float, SheetEntry]]] = {}
+        for category, model in self.models.items():
+            mine = [thing for thing in things if thing.thing.category == category]
+            pipelines = {
+                way: model.pipeline(self.said.starts, self.said.steps, callbacks, depth)
+                for way, depth in (("RGB", False), ("RGB-D", True))
+                if mine and (not depth or draws_depth(model))
+            }
+            for known in mine:
+                row: dict[str, Any] = {"name": known.name, "split": known.split, "category": category}
+                row |= {"RGB": None, "RGB-D": None}
+                for way, pipeline in pipelines.items():
+                    fit = fit_known(model, known, pipeline, way == "RGB-D")
+                    row[way] = None if fit is None else {"rotation_deg": fit[1], "translation_cm": fit[2]}
+                    if fit is not None and self.said.out:
+                        caption = f"{known.name}, {way}: {fit[1]:.1f}°, {fit[2]:.1f} cm"
+                        entry = _entry(fit[0], known.frame.image / 255, caption)
+                        shown.setdefault(f"{category} {known.split}", []).append((fit[1], entry))
+                    self.bar.advance(task)
+                found.append(row)
+        for sheet, rows in shown.items():
+            self._keep(sheet, [rows[row][1] for row in evenly([error for error, _ in rows], NUM_SHOWN)], len(rows))
+        return found
+
+    def _keep(self, sheet: str, entries: list[SheetEntry], number: int) -> None:
+        if entries:
+            title = f"{sheet}: {len(entries)} of {number} fits, from the best to the worst"
+            self.sheets[f"{sheet.replace(' ', '_')}.png"] = contact_sheet(entries, title)
+
+
+def _entry(answer: PoseResult, photo: Any, caption: str) -> SheetEntry:
+    """A fit on a sheet, from a photo (H, W, 3) in [0, 1]."""
+    return SheetEntry(
+        photo,
+        answer.mask,
+        answer.crop,
+        answer.drawing,
+        from_numpy(answer.rotation),
+        from_numpy(answer.translation),
+        from_numpy(answer.size),
+        from_numpy(answer.intrinsics),
+        caption,
+    )

@@ -1,0 +1,180 @@
+"""Rotation and translation errors of models on unseen procedural objects, on scans, and on NOCS's frames."""
+
+from __future__ import annotations
+
+import json
+import math
+import shlex
+import sys
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from jsonargparse import ArgumentParser, Namespace
+
+from kfit.cli.accuracy_page import circumstances, mean_of, objects_section, page, views_section
+
+if TYPE_CHECKING:
+    from kfit.cli.accuracy_fits import Figures
+    from kfit.models import CategoryModel
+    from kfit.reports.overlay import Picture
+
+
+def parser() -> ArgumentParser:
+    """Arguments of ``kfit bench accuracy``."""
+    parser = ArgumentParser(
+        description="Fit views of procedural objects whose seeds, shape families and texture families were held out of "
+        "training, views of scanned objects, and objects of NOCS's frames by their true masks, and print median "
+        "rotation errors and the shares under 5°, 10°, 30° and 60°. Symmetric classes, and mugs whose handle is hidden "
+        "(less than 2 % of the mask), are judged by their axis, as NOCS does; mugs also on the views that show it.",
+        epilog="example:  kfit bench accuracy --meshes [scans,bottle=scans/shampoo@-y] --nocs nocs --out accuracy",
+    )
+    parser.add_argument("--categories", type=list[str], default=None, help="bundled models, as [mug,laptop]; else all")
+    parser.add_argument("--model", type=str, default=None, help="a .safetensors model of your own instead")
+    parser.add_argument("--views", type=int, default=100, help="procedural objects a category, one view each; 0: none")
+    parser.add_argument(
+        "--meshes",
+        type=list[str],
+        default=[],
+        metavar="[PLACE,…]",
+        help="scans: folders whose names tell the category as a word (025_mug), or CATEGORY=FOLDER; z is up, or what "
+        "stands behind (FOLDER@y, @-y, …); handle, lens and screen point to +x",
+    )
+    parser.add_argument("--scan-views", type=int, default=50, help="views of each scan")
+    parser.add_argument("--nocs", type=str, default=None, metavar="FOLDER", help="frames in the folders of NOCS's data")
+    parser.add_argument("--starts", type=int, default=32, help="starts a view")
+    parser.add_argument("--steps", type=int, default=50, help="steps of the optimizer")
+    parser.add_argument("--depth", action="store_true", help="fit the views' depth too, as `kfit pose --depth` does")
+    parser.add_argument("--prune", type=bool, default=True, help="drop unlikely starts on the way, as `kfit pose` does")
+    parser.add_argument("--seed", type=int, default=0, help="chooses the objects, poses and lights of the views")
+    parser.add_argument("--card", action="store_true", help="write the figures into the card of --model")
+    parser.add_argument(
+        "--out", type=str, default=None, metavar="DIR", help="write README.md, accuracy.json and sheets of fits there"
+    )
+    return parser
+
+
+def run(said: Namespace) -> None:
+    """Measure all that was asked for, print the tables, and write them where they are wanted."""
+    if said.categories is not None and said.model is not None:
+        raise ValueError("say what to measure: --categories [NAME,…] or --model FILE.safetensors, not both")
+    if said.card and said.model is None:
+        raise ValueError("--card needs --model FILE.safetensors, whose card is written to")
+    for name, least in {"views": 0, "scan_views": 1, "starts": 1, "steps": 0}.items():
+        if said[name] < least:
+            raise ValueError(f"--{name.replace('_', '-')} must be at least {least}, got {said[name]}")
+    if not (said.views or said.meshes or said.nocs):
+        raise ValueError("--views 0 leaves nothing to measure without --meshes or --nocs")
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from kfit.cli.accuracy_fits import AccuracyFits
+    from kfit.core.whole_files import write_whole
+    from kfit.models import bundled, load
+    from kfit.models.nocs_accuracy import draws_depth
+
+    chosen = [said.model] if said.model else bundled() if said.categories is None else said.categories
+    if not chosen:
+        raise ValueError("--categories must name at least one bundled model, got none")
+    models = {model.card.category: model for model in map(load, chosen)}
+    flat = [category for category, model in models.items() if said.depth and not draws_depth(model)]
+    if flat:
+        raise ValueError(f"--depth needs models that draw depth; of {', '.join(flat)} it is the picture alone")
+    console = Console(stderr=True)
+    with Progress(console=console, disable=not console.is_terminal) as bar:
+        fits = AccuracyFits(said, models, bar)
+        procedural = fits.procedural() if said.views else {}
+        scans = fits.scans() if said.meshes else {}
+        objects = fits.objects() if said.nocs else []
+    sections = []
+    if procedural:
+        sections.append(views_section("Unseen procedural objects" + (", with depth" if said.depth else ""), procedural))
+    if scans:
+        sections.append(views_section("Scans" + (", with depth" if said.depth else ""), scans))
+    if objects:
+        sections.append(objects_section(objects))
+    for section in sections:
+        Console(width=110).print(section.table())
+        print("\n".join(section.notes))
+    if said.card:
+        write_card(models, said, procedural, scans, objects)
+    if said.out:
+        how = circumstances(_command(said), _schedule(said))
+        told = {"procedural": procedural, "scans": scans, "objects": objects}
+        means = {
+            f"mean of {what}": mean_of(found) for what, found in (("procedural", procedural), ("scans", scans)) if found
+        }
+        texts = {"README.md": page(sections, how, sorted(fits.sheets)), "accuracy.json": _json(how | told | means)}
+        writers: dict[str, Callable[[Path], object]] = {
+            **{name: partial(_write_text, text=text) for name, text in texts.items()},
+            **{name: partial(_write_picture, picture=picture) for name, picture in fits.sheets.items()},
+        }
+        for path in write_whole(Path(said.out), writers):
+            print(f"wrote {path}", file=sys.stderr)
+
+
+def write_card(
+    models: dict[str, CategoryModel], said: Namespace, procedural: Figures, scans: Figures, objects: list[Any]
+) -> None:
+    """Note what was measured in the card of the one model."""
+    (model,) = models.values()
+    schedule = {name: _schedule(said)[name] for name in ("starts", "steps", "pruned", "seed")}
+    with_depth = ", with depth" if said.depth else ""
+    for found in procedural.values():
+        model.card.accuracy[f"unseen procedural objects, held-out families{with_depth}"] = {**schedule, **found}
+    if scans:
+        model.card.accuracy[f"scans{with_depth}"] = {**schedule, **scans}
+    if objects:
+        model.card.accuracy["objects of NOCS's frames, true masks"] = {**schedule, "objects": objects}
+    model.card.write(Path(said.model).with_suffix(".json"))
+
+
+def _schedule(said: Namespace) -> dict[str, Any]:
+    return {
+        "starts": said.starts,
+        "steps": said.steps,
+        "pruned": said.prune,
+        "seed": said.seed,
+        "views a category": said.views,
+        "views a scan": said.scan_views,
+        "depth": said.depth,
+    }
+
+
+def _json(told: Any) -> str:
+    """Strict JSON, in which what is not a number is null."""
+
+    def clean(part: Any) -> Any:
+        if isinstance(part, dict):
+            return {key: clean(value) for key, value in part.items()}
+        if isinstance(part, list):
+            return [clean(value) for value in part]
+        return None if isinstance(part, float) and not math.isfinite(part) else part
+
+    return json.dumps(clean(told), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _write_text(path: Path, text: str) -> None:
+    path.write_text(text, encoding="utf-8")
+
+
+def _write_picture(path: Path, picture: Picture) -> None:
+    import cv2
+
+    if not cv2.imwrite(str(path), picture[..., ::-1]):
+        raise OSError(f"cannot write {path}")
+
+
+def _command(said: Namespace) -> str:
+    """The command line that repeats it."""
+    words, defaults = ["kfit", "bench", "accuracy"], parser().get_defaults()
+    for name, value in said.items():
+        if name in ("out", "card") or name not in defaults or value == defaults[name]:
+            continue
+        words.append(f"--{name.replace('_', '-')}")
+        if isinstance(value, list):
+            words.append(f"[{','.join(value)}]")
+        elif value is not True or name == "prune":
+            words.append(str(value))
+    return shlex.join(words)
