@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from typing import Any
 
 from jsonargparse import Namespace
@@ -13,6 +15,7 @@ from kfit.models import CategoryModel, PoseResult
 from kfit.models.accuracy import UnseenViews, answer_to, measure, unseen_views
 from kfit.models.nocs_accuracy import draws_depth, fit_known, known_objects
 from kfit.models.scans import find_scans, scan_views
+from kfit.pipeline import FitPipeline
 from kfit.reports.contact_sheet import SheetEntry, contact_sheet, evenly
 from kfit.reports.overlay import Picture
 
@@ -21,16 +24,27 @@ NUM_SHOWN = 12
 Figures = dict[str, dict[str, Any]]
 
 
+@dataclass
 class AccuracyFits:
-    """Fits what was asked for, and keeps a sheet of fits for each category and source if they are to be written.
+    """Fits what was asked for, and keeps a sheet of fits for each category and source if they are wanted.
 
     Attributes:
+        models: by category.
+        bar: shows what is done.
+        pipeline: the fit of a model, with depth or without.
+        said: ``views`` and ``seed`` of procedural objects, ``meshes``, ``scan_views`` and ``nocs`` of others.
+        depth: fit the views' depth too.
+        shown: whether sheets are wanted.
         sheets: pictures by file name.
     """
 
-    def __init__(self, said: Namespace, models: dict[str, CategoryModel], bar: Progress) -> None:
-        self.said, self.models, self.bar = said, models, bar
-        self.sheets: dict[str, Picture] = {}
+    models: dict[str, CategoryModel]
+    bar: Progress
+    pipeline: Callable[[CategoryModel, bool], FitPipeline]
+    said: Namespace
+    depth: bool = False
+    shown: bool = False
+    sheets: dict[str, Picture] = field(default_factory=dict)
 
     def procedural(self) -> Figures:
         """Figures of each category on objects that kfit draws."""
@@ -58,9 +72,9 @@ class AccuracyFits:
         return found
 
     def _measured(self, model: CategoryModel, views: UnseenViews, task: Any, sheet: str) -> dict[str, Any]:
-        pipeline = model.pipeline(self.said.starts, self.said.steps, None if self.said.prune else (), self.said.depth)
+        pipeline = self.pipeline(model, self.depth)
         done = measure(model, views, pipeline, lambda count: self.bar.update(task, completed=count))
-        if self.said.out:
+        if self.shown:
             entries = [
                 _entry(
                     answer_to(model, views, done.results, row),
@@ -77,13 +91,12 @@ class AccuracyFits:
         """Errors of each object of the categories in NOCS's frames, from colour alone and with depth."""
         things = list(known_objects(self.said.nocs, self.models))
         task = self.bar.add_task("NOCS's frames", total=2 * len(things))
-        callbacks = None if self.said.prune else ()
         found: list[dict[str, Any]] = []
         shown: dict[str, list[tuple[float, SheetEntry]]] = {}
         for category, model in self.models.items():
             mine = [thing for thing in things if thing.thing.category == category]
             pipelines = {
-                way: model.pipeline(self.said.starts, self.said.steps, callbacks, depth)
+                way: self.pipeline(model, depth)
                 for way, depth in (("RGB", False), ("RGB-D", True))
                 if mine and (not depth or draws_depth(model))
             }
@@ -93,7 +106,7 @@ class AccuracyFits:
                 for way, pipeline in pipelines.items():
                     fit = fit_known(model, known, pipeline, way == "RGB-D")
                     row[way] = None if fit is None else {"rotation_deg": fit[1], "translation_cm": fit[2]}
-                    if fit is not None and self.said.out:
+                    if fit is not None and self.shown:
                         caption = f"{known.name}, {way}: {fit[1]:.1f}°, {fit[2]:.1f} cm"
                         entry = _entry(fit[0], known.frame.image / 255, caption)
                         shown.setdefault(f"{category} {known.split}", []).append((fit[1], entry))

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from jsonargparse import ArgumentParser, Namespace
 
-from kfit.cli import bench_accuracy, bench_optimizers, bench_paper, bench_registration
+from kfit.cli import bench_accuracy, bench_energies, bench_optimizers, bench_paper, bench_registration
 
 BENCHMARKS = {
     "accuracy": bench_accuracy,
+    "energies": bench_energies,
     "optimizers": bench_optimizers,
     "registration": bench_registration,
     "paper": bench_paper,

@@ -18,6 +18,7 @@ from kfit.cli.accuracy_page import circumstances, mean_of, objects_section, page
 if TYPE_CHECKING:
     from kfit.cli.accuracy_fits import Figures
     from kfit.models import CategoryModel
+    from kfit.pipeline import FitPipeline
     from kfit.reports.overlay import Picture
 
 
@@ -30,9 +31,23 @@ def parser() -> ArgumentParser:
         "(less than 2 % of the mask), are judged by their axis, as NOCS does; mugs also on the views that show it.",
         epilog="example:  kfit bench accuracy --meshes [scans,bottle=scans/shampoo@-y] --nocs nocs --out accuracy",
     )
+    add_sources(parser, 100)
+    parser.add_argument("--starts", type=int, default=32, help="starts a view")
+    parser.add_argument("--steps", type=int, default=50, help="steps of the optimizer")
+    parser.add_argument("--depth", action="store_true", help="fit the views' depth too, as `kfit pose --depth` does")
+    parser.add_argument("--prune", type=bool, default=True, help="drop unlikely starts on the way, as `kfit pose` does")
+    parser.add_argument("--card", action="store_true", help="write the figures into the card of --model")
+    parser.add_argument(
+        "--out", type=str, default=None, metavar="DIR", help="write README.md, accuracy.json and sheets of fits there"
+    )
+    return parser
+
+
+def add_sources(parser: ArgumentParser, views: int) -> None:
+    """Add the arguments that choose models, and what they are measured on, so many procedural ``views`` unless said."""
     parser.add_argument("--categories", type=list[str], default=None, help="bundled models, as [mug,laptop]; else all")
     parser.add_argument("--model", type=str, default=None, help="a .safetensors model of your own instead")
-    parser.add_argument("--views", type=int, default=100, help="procedural objects a category, one view each; 0: none")
+    parser.add_argument("--views", type=int, default=views, help="procedural objects a category, a view each; 0: none")
     parser.add_argument(
         "--meshes",
         type=list[str],
@@ -43,47 +58,48 @@ def parser() -> ArgumentParser:
     )
     parser.add_argument("--scan-views", type=int, default=50, help="views of each scan")
     parser.add_argument("--nocs", type=str, default=None, metavar="FOLDER", help="frames in the folders of NOCS's data")
-    parser.add_argument("--starts", type=int, default=32, help="starts a view")
-    parser.add_argument("--steps", type=int, default=50, help="steps of the optimizer")
-    parser.add_argument("--depth", action="store_true", help="fit the views' depth too, as `kfit pose --depth` does")
-    parser.add_argument("--prune", type=bool, default=True, help="drop unlikely starts on the way, as `kfit pose` does")
     parser.add_argument("--seed", type=int, default=0, help="chooses the objects, poses and lights of the views")
-    parser.add_argument("--card", action="store_true", help="write the figures into the card of --model")
-    parser.add_argument(
-        "--out", type=str, default=None, metavar="DIR", help="write README.md, accuracy.json and sheets of fits there"
-    )
-    return parser
 
 
-def run(said: Namespace) -> None:
-    """Measure all that was asked for, print the tables, and write them where they are wanted."""
+def models_of(said: Namespace) -> dict[str, CategoryModel]:
+    """The models that were asked for, by category.
+
+    Raises:
+        ValueError: for choices that leave nothing to measure, or numbers out of range.
+    """
     if said.categories is not None and said.model is not None:
         raise ValueError("say what to measure: --categories [NAME,…] or --model FILE.safetensors, not both")
-    if said.card and said.model is None:
-        raise ValueError("--card needs --model FILE.safetensors, whose card is written to")
     for name, least in {"views": 0, "scan_views": 1, "starts": 1, "steps": 0}.items():
         if said[name] < least:
             raise ValueError(f"--{name.replace('_', '-')} must be at least {least}, got {said[name]}")
     if not (said.views or said.meshes or said.nocs):
         raise ValueError("--views 0 leaves nothing to measure without --meshes or --nocs")
+    from kfit.models import bundled, load
+
+    chosen = [said.model] if said.model else bundled() if said.categories is None else said.categories
+    if not chosen:
+        raise ValueError("--categories must name at least one bundled model, got none")
+    return {model.card.category: model for model in map(load, chosen)}
+
+
+def run(said: Namespace) -> None:
+    """Measure all that was asked for, print the tables, and write them where they are wanted."""
+    if said.card and said.model is None:
+        raise ValueError("--card needs --model FILE.safetensors, whose card is written to")
     from rich.console import Console
     from rich.progress import Progress
 
     from kfit.cli.accuracy_fits import AccuracyFits
     from kfit.core.whole_files import write_whole
-    from kfit.models import bundled, load
     from kfit.models.nocs_accuracy import draws_depth
 
-    chosen = [said.model] if said.model else bundled() if said.categories is None else said.categories
-    if not chosen:
-        raise ValueError("--categories must name at least one bundled model, got none")
-    models = {model.card.category: model for model in map(load, chosen)}
+    models = models_of(said)
     flat = [category for category, model in models.items() if said.depth and not draws_depth(model)]
     if flat:
         raise ValueError(f"--depth needs models that draw depth; of {', '.join(flat)} it is the picture alone")
     console = Console(stderr=True)
     with Progress(console=console, disable=not console.is_terminal) as bar:
-        fits = AccuracyFits(said, models, bar)
+        fits = AccuracyFits(models, bar, partial(_pipeline, said), said, said.depth, shown=bool(said.out))
         procedural = fits.procedural() if said.views else {}
         scans = fits.scans() if said.meshes else {}
         objects = fits.objects() if said.nocs else []
@@ -112,6 +128,10 @@ def run(said: Namespace) -> None:
         }
         for path in write_whole(Path(said.out), writers):
             print(f"wrote {path}", file=sys.stderr)
+
+
+def _pipeline(said: Namespace, model: CategoryModel, depth: bool) -> FitPipeline:
+    return model.pipeline(said.starts, said.steps, None if said.prune else (), depth)
 
 
 def write_card(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -88,44 +88,49 @@ class CategoryModel:
         num_steps: int = 50,
         callbacks: Sequence[Callback] | None = None,
         depth: bool = False,
+        energies: Mapping[str, tuple[Energy, float]] | None = None,
     ) -> FitPipeline:
         """The fit that `pose` runs: the paper's, with an energy that works offline.
 
         Poses at the peaks of the pose head's distribution, without a head on an even grid over the sphere's valid part;
         codes from the encoder's posterior; Adam at the released rates, for the second half of the steps at three
         tenths of them; E = features of EfficientNet-Lite0 + 2 · SSIM + 5 · silhouette + 0.02 · code prior + the card's
-        pose weight · what the pose head says, and where there is depth 4 · its difference in mean box diagonals. The
-        picture's part was chosen on a dozen mugs, where no other that was tried did measurably better.
+        pose weight · what the pose head says, and where there is depth 4 · its difference in mean box diagonals.
+        ``kfit bench energies`` compares others with the first three.
 
         Args:
             num_starts, num_steps: as in `kfit.FitPipeline`.
             callbacks: pruning to 10 starts at step 3 and 4 at step 10 unless given.
             depth: the observation has depth and intrinsics, which fix the distance; the generator must draw depth.
+            energies: of drawing and photo, by name and with their weights, instead of the first three.
         """
         generator: Generator = SimilarityWarp(self.generator)
-        energies: dict[str, Energy | Prior] = {
-            "perceptual": Perceptual(EfficientNetLite0()),
-            "ssim": SSIM(),
-            "silhouette": Silhouette(),
-            "prior": CodePrior(),
-        }
+        if energies is None:
+            energies = {
+                "perceptual": (Perceptual(EfficientNetLite0()), 1.0),
+                "ssim": (SSIM(), 2.0),
+                "silhouette": (Silhouette(), 5.0),
+            }
+        parts: dict[str, Energy | Prior] = {name: energy for name, (energy, _) in energies.items()}
+        parts["prior"] = CodePrior()
         initializers: list[Initializer] = [
             PosePosterior(self.pose_head) if self.pose_head else SphereGrid(elevation_deg=(0.0, 60.0)),
             EncoderPosterior(self.encoder),
             Constant({"roll": 0.0, "shift": 0.0, "scale": 1.0}),
         ]
-        weights: dict[str, float | Schedule] = {"ssim": 2.0, "silhouette": 5.0, "prior": 0.02}
+        weights: dict[str, float | Schedule] = {name: weight for name, (_, weight) in energies.items()}
+        weights["prior"] = 0.02
         rates = dict(RATES)
         if self.pose_head is not None:
-            energies["pose"], weights["pose"] = PosePrior(self.pose_head), self.card.pose_weight
+            parts["pose"], weights["pose"] = PosePrior(self.pose_head), self.card.pose_weight
         if depth:
             generator = MetricDepth(generator)
-            energies["depth"], weights["depth"] = Depth(), DEPTH_WEIGHT / self.card.mean_diagonal
+            parts["depth"], weights["depth"] = Depth(), DEPTH_WEIGHT / self.card.mean_diagonal
             initializers.append(FromDepth(self.card.unit_fraction))
             rates |= DEPTH_RATES
         return FitPipeline(
             generator,
-            energies,
+            parts,
             initializers,
             Stages([(_adam(rates, 1.0), max(1, num_steps // 2)), (_adam(rates, CAREFUL), max(1, num_steps // 2))]),
             weights=weights,

@@ -1,0 +1,185 @@
+"""Compare energies of drawing and photo: rotation errors of the same fits with each, and what a view costs."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from jsonargparse import ArgumentParser, Namespace
+
+from kfit.cli.accuracy_page import Section, circumstances, mean_of, page
+from kfit.cli.bench_accuracy import add_sources, models_of
+
+if TYPE_CHECKING:
+    from kfit.core import Energy
+    from kfit.models import CategoryModel
+    from kfit.pipeline import FitPipeline
+
+Mix = dict[str, "tuple[Energy, float]"]
+SOURCES = ("procedural", "scans", "objects")
+FILE = "energies.json"
+
+
+def parser() -> ArgumentParser:
+    """Arguments of ``kfit bench energies``."""
+    parser = ArgumentParser(
+        description="Fit the same views with each energy of drawing and photo, priors as always, and compare rotation "
+        "errors. With --out, what was measured is kept there after each energy, and the same command goes on after an "
+        "interruption.",
+        epilog="example:  kfit bench energies --categories [laptop,mug] --nocs nocs --vgg16 vgg16.pth --out energies",
+    )
+    add_sources(parser, 50)
+    parser.add_argument("--starts", type=int, default=16, help="starts a view")
+    parser.add_argument("--steps", type=int, default=30, help="steps of the optimizer")
+    parser.add_argument(
+        "--vgg16",
+        type=str,
+        default=None,
+        metavar="FILE",
+        help="torchvision's VGG16 weights, .pth or .safetensors, for the paper's energy and LPIPS; else without these",
+    )
+    parser.add_argument("--out", type=str, default=None, metavar="DIR", help=f"write README.md and {FILE} there")
+    return parser
+
+
+def mixes(vgg16: str | None) -> dict[str, Callable[[CategoryModel], Mix]]:
+    """Energies by what tables call them.
+
+    Weights bring each picture's energy to where EfficientNet's stands at the starts of fits of unseen mugs.
+    """
+    from kfit.energies import LPIPS, SSIM, Perceptual, Silhouette
+    from kfit.features import VGG16, Activations, EfficientNetLite0
+
+    def efficient(model: CategoryModel) -> Mix:
+        return {"perceptual": (Perceptual(EfficientNetLite0()), 1.0)}
+
+    def ssim(model: CategoryModel) -> Mix:
+        return {"ssim": (SSIM(), 2.0)}
+
+    def silhouette(model: CategoryModel) -> Mix:
+        return {"silhouette": (Silhouette(), 5.0)}
+
+    def encoder(model: CategoryModel) -> Mix:
+        reduced = [name for name, _ in model.encoder.named_modules() if name.startswith("reduce.")]
+        seen = Activations(model.encoder, reduced, mean=(0.0, 0.0, 0.0), std=(1.0, 1.0, 1.0))
+        return {"encoder": (Perceptual(seen), 0.75)}
+
+    def vgg(model: CategoryModel) -> Mix:
+        return {"perceptual": (Perceptual(VGG16(weights=vgg16), normalize=True), 0.65)}
+
+    def lpips(model: CategoryModel) -> Mix:
+        return {"lpips": (LPIPS("vgg", vgg16), 1.7)}
+
+    def together(*parts: Callable[[CategoryModel], Mix]) -> Callable[[CategoryModel], Mix]:
+        return lambda model: {name: energy for part in parts for name, energy in part(model).items()}
+
+    found = {
+        "EfficientNet": efficient,
+        "SSIM": ssim,
+        "EfficientNet, silhouette": together(efficient, silhouette),
+        "SSIM, silhouette": together(ssim, silhouette),
+        "EfficientNet, SSIM, silhouette": together(efficient, ssim, silhouette),
+        "kfit's encoder, SSIM, silhouette": together(encoder, ssim, silhouette),
+    }
+    if vgg16 is not None:
+        found |= {
+            "VGG16 (the paper's)": vgg,
+            "VGG16, SSIM, silhouette": together(vgg, ssim, silhouette),
+            "LPIPS": lpips,
+            "LPIPS, silhouette": together(lpips, silhouette),
+        }
+    return found
+
+
+def run(said: Namespace) -> None:
+    """Measure what was not measured yet, print the table, and write it where it is wanted."""
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from kfit.core.whole_files import write_whole
+
+    models = models_of(said)
+    compared = mixes(said.vgg16)
+    asked = {name: value for name, value in said.items() if name not in ("out", "vgg16")}
+    found = _measured_before(said.out, asked)
+    if said.vgg16 is None:
+        print("VGG16's energies and LPIPS are left out; say --vgg16 FILE for them", file=sys.stderr)
+    console = Console(stderr=True)
+    with Progress(console=console, disable=not console.is_terminal) as bar:
+        for name, make in compared.items():
+            if name not in found:
+                found[name] = _measured(said, models, bar, make)
+            if said.out:
+                told = {"asked": asked, "found": found}
+                write_whole(Path(said.out), {FILE: partial(_write_text, text=json.dumps(told, indent=2) + "\n")})
+    table = section({name: found[name] for name in compared})
+    Console(width=140).print(table.table())
+    if said.out:
+        words = [f"--{name.replace('_', '-')} {_word(value)}" for name, value in asked.items() if value]
+        words += [] if said.vgg16 is None else ["--vgg16 FILE"]
+        how = circumstances(f"kfit bench energies {' '.join(words)}", asked | {"pruned": True})
+        text = page([table], how, [])
+        for path in write_whole(Path(said.out), {"README.md": partial(_write_text, text=text)}):
+            print(f"wrote {path}", file=sys.stderr)
+
+
+def _measured(
+    said: Namespace, models: dict[str, CategoryModel], bar: Any, make: Callable[[CategoryModel], Mix]
+) -> dict[str, Any]:
+    from kfit.cli.accuracy_fits import AccuracyFits
+
+    def pipeline(model: CategoryModel, depth: bool) -> FitPipeline:
+        return model.pipeline(said.starts, said.steps, depth=depth, energies=make(model))
+
+    fits = AccuracyFits(models, bar, pipeline, said)
+    return {
+        "procedural": fits.procedural() if said.views else {},
+        "scans": fits.scans() if said.meshes else {},
+        "objects": fits.objects() if said.nocs else [],
+    }
+
+
+def _measured_before(out: str | None, asked: Mapping[str, Any]) -> dict[str, Any]:
+    path = Path(out or "") / FILE
+    if out is None or not path.is_file():
+        return {}
+    told = json.loads(path.read_text(encoding="utf-8"))
+    return told["found"] if told["asked"] == json.loads(json.dumps(asked)) else {}
+
+
+def section(found: Mapping[str, Mapping[str, Any]]) -> Section:
+    """A row for each energy: means over categories and scans, and medians over the objects of frames."""
+    header = ["energy of drawing and photo"]
+    first = next(iter(found.values()))
+    for source in SOURCES[:2]:
+        header += [f"{source}: median", "< 5°", "< 10°", "< 30°"] if first[source] else []
+    header += ["frames: median", "< 10°", "< 20°"] if first["objects"] else []
+    header += ["s a view"] if first["procedural"] else []
+    rows = []
+    for name, measured in found.items():
+        row = [name]
+        for source in SOURCES[:2]:
+            if measured[source]:
+                mean = mean_of(measured[source])
+                row += [f"{mean['median']:.1f}°", *(f"{100 * mean[f'under_{limit}']:.0f} %" for limit in (5, 10, 30))]
+        if measured["objects"]:
+            errors = sorted(thing["RGB"]["rotation_deg"] for thing in measured["objects"])
+            row += [f"{errors[len(errors) // 2]:.1f}°"]
+            row += [f"{sum(error < limit for error in errors)} of {len(errors)}" for limit in (10, 20)]
+        if measured["procedural"]:
+            seconds = [part["seconds a view"] for part in measured["procedural"].values()]
+            row.append(f"{sum(seconds) / len(seconds):.1f}")
+        rows.append(row)
+    return Section("Energies of drawing and photo", header, rows)
+
+
+def _word(value: Any) -> str:
+    return f"[{','.join(value)}]" if isinstance(value, list) else str(value)
+
+
+def _write_text(path: Path, text: str) -> None:
+    path.write_text(text, encoding="utf-8")
