@@ -9,10 +9,11 @@ import yaml
 
 from kfit.cli import bench_paper
 from kfit.cli.main import main
-from kfit.cli.paper import fits, variants
+from kfit.cli.paper import drawings, fits, variants
 from kfit.cli.paper.page import PUBLISHED, figures, page
 from kfit.cli.paper.units import STUDIED, TABLES, Measuring, changer
 from kfit.core import History, Observation
+from kfit.generators import VAE3D
 from kfit.models import load
 from kfit.models.accuracy import unseen_views
 
@@ -78,8 +79,7 @@ def test_backbones_stand_beside_their_arithmetic(how):
     text = page(made_up(["backbone"], ["laptop"]), ["backbone"], ["laptop"], how, "kfit")
     assert "| RadianceField | 0.0600 | 0.0500 | 0.0400 | 28.5° | 25 | 50 | 50 | 75 | 3.0 cm | 0.45 |" in text
     assert "| RadianceField, kfit's own fit | – | – | – | 28.5° | 25 | 50 | 50 | 75 | 3.0 cm | 0.45 |" in text
-    generator = load("can").generator
-    assert fits.multiply_adds(generator) == pytest.approx(0.45e9, rel=0.02)
+    assert drawings.multiply_adds(VAE3D()) == pytest.approx(0.45e9, rel=0.02)
 
 
 def test_the_page_says_what_was_asked_for_and_no_more(how):
@@ -134,9 +134,9 @@ def test_a_unit_is_measured_once_for_the_same_settings(how, monkeypatch, tmp_pat
 
 
 def test_reconstruction_is_judged_on_objects_of_held_out_and_of_known_families(monkeypatch, tmp_path):
-    monkeypatch.setattr(fits, "L1_OBJECTS", 1)
-    monkeypatch.setattr(fits, "L1_FITTED", 2)
-    held_out, known, fitted = fits.novel_view_l1(load("can"), tmp_path)
+    monkeypatch.setattr(drawings, "L1_OBJECTS", 1)
+    monkeypatch.setattr(drawings, "L1_FITTED", 2)
+    held_out, known, fitted = drawings.novel_view_l1(load("can"), tmp_path)
     assert 0 < known < 0.2
     assert 0 < fitted < held_out < 0.2
     assert held_out != known
@@ -190,7 +190,7 @@ def test_no_change_leaves_views_as_they_are_and_more_changes_more(kind):
 
 
 def test_pictures_from_the_prior_are_as_many_as_asked_for():
-    assert fits.prior_samples(load("laptop"), 3, 0).shape == (3, 3, 64, 64)
+    assert drawings.prior_samples(load("laptop"), 3, 0).shape == (3, 3, 64, 64)
 
 
 @pytest.mark.parametrize(

@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
-from torch.utils.flop_counter import FlopCounterMode
 
 from kfit import FitPipeline
 from kfit.baselines import CoordinateRegressor, OrientationRegressor, pose_of_coordinates
 from kfit.callbacks import Pruning
-from kfit.core import Energy, FitResult, Generator, Initializer, PoseNetwork, frozen
-from kfit.data import ViewsDataModule
+from kfit.core import Energy, FitResult, Initializer, PoseNetwork
 from kfit.energies import L1, L2, SSIM, CodePrior, Perceptual
 from kfit.features import EfficientNetLite0
 from kfit.generators import SimilarityWarp
@@ -29,8 +25,6 @@ from kfit.models.accuracy import UnseenViews, rotation_errors, translation_error
 from kfit.models.category_model import RATES
 from kfit.optimizers import Adam
 
-# Objects of ten views each on which reconstruction is judged, of either kind, and views to which codes are fitted.
-L1_OBJECTS, L1_FITTED = 100, 50
 # Views of which more than the errors is kept, for pictures.
 SHOWN = 5
 # Energies of the picture by name, and the weight of the code prior beside each: 0.02 where a fit of the bundled models
@@ -178,55 +172,6 @@ def errors(rotation: Tensor, views: UnseenViews, category: str) -> Tensor:
     return torch.where(views.visible, full, rotation_error(rotation, views.rotation, "y")).rad2deg()
 
 
-def novel_view_l1(model: CategoryModel, cache: Path) -> list[float]:
-    """Mean |I − Î| of pictures drawn at their true poses.
-
-    Of objects of the families held out of training, by what the encoder saw in another view; of new objects of the
-    families that training showed, as the paper's are, likewise; and of some of the first by the code that draws the
-    picture itself best, which tells what the generator can draw, whatever the encoder reads.
-    """
-    # Another seed than training's, whose objects are therefore all new.
-    data = ViewsDataModule(model.card.category, L1_OBJECTS, num_val_objects=L1_OBJECTS, cache_dir=str(cache), seed=1)
-    data.prepare_data()
-    data.setup()
-    held_out, known = data.val_pairs, data.train_pairs
-    assert held_out is not None
-    assert known is not None
-    means = []
-    for pairs in (held_out, known):
-        batches = (pairs.__getitems__(range(i, min(i + 32, len(pairs)))) for i in range(0, len(pairs), 32))
-        with torch.no_grad():
-            each = [_apart(model, batch, model.encoder(batch["source"])[0]) for batch in batches]
-        means.append(float(torch.cat(each).mean()))
-    return [*means, _fitted_l1(model, held_out.__getitems__(range(0, len(held_out), len(held_out) // L1_FITTED)))]
-
-
-def _apart(model: CategoryModel, batch: dict[str, Tensor], code: Tensor) -> Tensor:
-    drawn = model.generator(code=code, azimuth=batch["azimuth"], elevation=batch["elevation"]).image
-    apart: Tensor = (drawn - batch["target"]).abs().mean((1, 2, 3))
-    return apart
-
-
-def _fitted_l1(model: CategoryModel, batch: dict[str, Tensor]) -> float:
-    with torch.no_grad():
-        code = model.encoder(batch["target"])[0]
-    code.requires_grad_()
-    optimizer = torch.optim.Adam([code], lr=0.05)
-    for _ in range(80):
-        (code.grad,) = torch.autograd.grad(_apart(model, batch, code).sum(), code)
-        optimizer.step()
-    with torch.no_grad():
-        return float(_apart(model, batch, code).mean())
-
-
-def multiply_adds(generator: Generator) -> float:
-    """Multiplications with an addition that the convolutions and linear layers of one picture take."""
-    values = {name: torch.zeros(1, *variable.shape) for name, variable in generator.variables.items()}
-    with FlopCounterMode(display=False) as counter:
-        frozen(generator)(**values)
-    return float(counter.get_total_flops()) / 2
-
-
 def path_of(results: list[FitResult], views: UnseenViews, category: str) -> tuple[list[float], list[float]]:
     """Medians over the views, at each step, of the winning start's energy and rotation error."""
     energy, rotation = [], []
@@ -238,16 +183,6 @@ def path_of(results: list[FitResult], views: UnseenViews, category: str) -> tupl
     energies, turned = torch.cat(energy, 1), torch.cat(rotation, 1)
     away = torch.stack([errors(row, views, category) for row in turned])
     return energies.nanmedian(1).values.tolist(), away.nanmedian(1).values.tolist()
-
-
-def prior_samples(model: CategoryModel, count: int, seed: int) -> Tensor:
-    """Pictures (count, 3, S, S) of codes drawn from the prior N(0, 1), seen half from the side."""
-    rng = torch.Generator().manual_seed(seed)
-    code = torch.randn(count, *model.generator.variables["code"].shape, generator=rng)
-    pose = {"azimuth": torch.full((count,), 0.7 - math.pi), "elevation": torch.full((count,), 0.5)}
-    with torch.no_grad():
-        image: Tensor = model.generator(code=code, **pose).image
-    return image
 
 
 def levels() -> Iterator[tuple[str, float]]:

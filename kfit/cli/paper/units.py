@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from kfit import FitPipeline
 from kfit.baselines import CoordinateRegressor, OrientationRegressor
 from kfit.cli import pack
-from kfit.cli.paper import fits
+from kfit.cli.paper import drawings, fits
 from kfit.cli.paper.fits import Schedule
 from kfit.cli.paper.variants import VARIANTS, Training
 from kfit.core import Observation, PoseNetwork
@@ -87,9 +87,9 @@ class Measuring:
             return arrays | self._read_out(variant, category, checkpoint, views).arrays()
         found = fits.by_fit(model, views, self._pipeline(model, how), self._teller(f"{category}, {variant} {how}"))
         if not how:
-            arrays["samples"] = (255 * fits.prior_samples(model, SAMPLES, self.seed)).round().byte().numpy()
-            arrays["l1"] = np.array(fits.novel_view_l1(model, self.training.cache))
-            arrays["multiply_adds"] = np.array(fits.multiply_adds(model.generator))
+            arrays["samples"] = (255 * drawings.prior_samples(model, SAMPLES, self.seed)).round().byte().numpy()
+            arrays["l1"] = np.array(drawings.novel_view_l1(model, self.training.cache))
+            arrays["multiply_adds"] = np.array(drawings.multiply_adds(model.generator))
             energy, rotation = fits.path_of(found.results, views, category)
             arrays["path_energy"], arrays["path_rotation"] = np.array(energy), np.array(rotation)
         return arrays | found.arrays()
