@@ -28,7 +28,7 @@ def curves(found: Mapping[str, Mapping[str, Arrays]], what: str, label: str, lim
         label: of the thresholds.
         limit: largest threshold.
     """
-    figure = Figure(figsize=(4.2 * len(found) + 0.4, 3.9), layout="constrained")
+    figure = Figure(figsize=(max(5.2, 4.2 * len(found) + 0.4), 4.2), layout="constrained")
     thresholds = np.linspace(0, limit, 241)
     for plot, (category, methods) in zip(figure.subplots(1, len(found), squeeze=False)[0], found.items(), strict=True):
         for index, (title, arrays) in enumerate(methods.items()):
@@ -38,7 +38,9 @@ def curves(found: Mapping[str, Mapping[str, Arrays]], what: str, label: str, lim
         plot.set(xlabel=label, ylabel="average precision [%]", xlim=(0, limit), ylim=(-2, 102), title=category)
         _dress(plot)
     handles, labels = figure.axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False)
+    # A column is some two inches wide.
+    columns = min(len(labels), int(figure.get_figwidth() / 2.2))
+    figure.legend(handles, labels, loc="outside lower center", ncols=columns, frameon=False)
     return figure
 
 
