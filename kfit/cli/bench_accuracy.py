@@ -116,14 +116,14 @@ def run(said: Namespace) -> None:
     if said.card:
         write_card(models, said, procedural, scans, objects)
     if said.out:
-        how = circumstances(_command(said), _schedule(said))
+        how = circumstances(command("accuracy", said, parser().get_defaults()), _schedule(said))
         told = {"procedural": procedural, "scans": scans, "objects": objects}
         means = {
             f"mean of {what}": mean_of(found) for what, found in (("procedural", procedural), ("scans", scans)) if found
         }
         texts = {"README.md": page(sections, how, sorted(fits.sheets)), "accuracy.json": _json(how | told | means)}
         writers: dict[str, Callable[[Path], object]] = {
-            **{name: partial(_write_text, text=text) for name, text in texts.items()},
+            **{name: partial(write_text, text=text) for name, text in texts.items()},
             **{name: partial(_write_picture, picture=picture) for name, picture in fits.sheets.items()},
         }
         for path in write_whole(Path(said.out), writers):
@@ -175,7 +175,8 @@ def _json(told: Any) -> str:
     return json.dumps(clean(told), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def _write_text(path: Path, text: str) -> None:
+def write_text(path: Path, text: str) -> None:
+    """Write UTF-8."""
     path.write_text(text, encoding="utf-8")
 
 
@@ -186,15 +187,15 @@ def _write_picture(path: Path, picture: Picture) -> None:
         raise OSError(f"cannot write {path}")
 
 
-def _command(said: Namespace) -> str:
-    """The command line that repeats it."""
-    words, defaults = ["kfit", "bench", "accuracy"], parser().get_defaults()
-    for name, value in said.items():
-        if name in ("out", "card") or name not in defaults or value == defaults[name]:
+def command(name: str, said: Namespace, defaults: Namespace) -> str:
+    """The command line that repeats a benchmark, with what differs from the defaults."""
+    words = ["kfit", "bench", name]
+    for option, value in said.items():
+        if option in ("out", "card") or option not in defaults or value == defaults[option]:
             continue
-        words.append(f"--{name.replace('_', '-')}")
+        words.append(f"--{option.replace('_', '-')}")
         if isinstance(value, list):
             words.append(f"[{','.join(value)}]")
-        elif value is not True or name == "prune":
+        elif value is not True or option == "prune":
             words.append(str(value))
     return shlex.join(words)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from jsonargparse import ArgumentParser, Namespace
 
 from kfit.cli.accuracy_page import Section, circumstances, mean_of, page
-from kfit.cli.bench_accuracy import add_sources, models_of
+from kfit.cli.bench_accuracy import add_sources, command, models_of, write_text
 
 if TYPE_CHECKING:
     from kfit.core import Energy
@@ -51,17 +51,20 @@ def mixes(vgg16: str | None) -> dict[str, Callable[[CategoryModel], Mix]]:
 
     Weights bring each picture's energy to where EfficientNet's stands at the starts of fits of unseen mugs.
     """
-    from kfit.energies import LPIPS, SSIM, Perceptual, Silhouette
-    from kfit.features import VGG16, Activations, EfficientNetLite0
+    from kfit.energies import LPIPS, Perceptual
+    from kfit.features import VGG16, Activations
+    from kfit.models.category_model import usual_energies
+
+    usual = usual_energies()
 
     def efficient(model: CategoryModel) -> Mix:
-        return {"perceptual": (Perceptual(EfficientNetLite0()), 1.0)}
+        return {"perceptual": usual["perceptual"]}
 
     def ssim(model: CategoryModel) -> Mix:
-        return {"ssim": (SSIM(), 2.0)}
+        return {"ssim": usual["ssim"]}
 
     def silhouette(model: CategoryModel) -> Mix:
-        return {"silhouette": (Silhouette(), 5.0)}
+        return {"silhouette": usual["silhouette"]}
 
     def encoder(model: CategoryModel) -> Mix:
         reduced = [name for name, _ in model.encoder.named_modules() if name.startswith("reduce.")]
@@ -82,7 +85,7 @@ def mixes(vgg16: str | None) -> dict[str, Callable[[CategoryModel], Mix]]:
         "SSIM": ssim,
         "EfficientNet, silhouette": together(efficient, silhouette),
         "SSIM, silhouette": together(ssim, silhouette),
-        "EfficientNet, SSIM, silhouette": together(efficient, ssim, silhouette),
+        "EfficientNet, SSIM, silhouette": lambda model: usual,
         "kfit's encoder, SSIM, silhouette": together(encoder, ssim, silhouette),
     }
     if vgg16 is not None:
@@ -115,15 +118,13 @@ def run(said: Namespace) -> None:
                 found[name] = _measured(said, models, bar, make)
             if said.out:
                 told = {"asked": asked, "found": found}
-                write_whole(Path(said.out), {FILE: partial(_write_text, text=json.dumps(told, indent=2) + "\n")})
+                write_whole(Path(said.out), {FILE: partial(write_text, text=json.dumps(told, indent=2) + "\n")})
     table = section({name: found[name] for name in compared})
     Console(width=140).print(table.table())
     if said.out:
-        words = [f"--{name.replace('_', '-')} {_word(value)}" for name, value in asked.items() if value]
-        words += [] if said.vgg16 is None else ["--vgg16 FILE"]
-        how = circumstances(f"kfit bench energies {' '.join(words)}", asked | {"pruned": True})
+        how = circumstances(command("energies", said, parser().get_defaults()), asked | {"pruned": True})
         text = page([table], how, [])
-        for path in write_whole(Path(said.out), {"README.md": partial(_write_text, text=text)}):
+        for path in write_whole(Path(said.out), {"README.md": partial(write_text, text=text)}):
             print(f"wrote {path}", file=sys.stderr)
 
 
@@ -175,11 +176,3 @@ def section(found: Mapping[str, Mapping[str, Any]]) -> Section:
             row.append(f"{sum(seconds) / len(seconds):.1f}")
         rows.append(row)
     return Section("Energies of drawing and photo", header, rows)
-
-
-def _word(value: Any) -> str:
-    return f"[{','.join(value)}]" if isinstance(value, list) else str(value)
-
-
-def _write_text(path: Path, text: str) -> None:
-    path.write_text(text, encoding="utf-8")

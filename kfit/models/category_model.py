@@ -105,12 +105,7 @@ class CategoryModel:
             energies: of drawing and photo, by name and with their weights, instead of the first three.
         """
         generator: Generator = SimilarityWarp(self.generator)
-        if energies is None:
-            energies = {
-                "perceptual": (Perceptual(EfficientNetLite0()), 1.0),
-                "ssim": (SSIM(), 2.0),
-                "silhouette": (Silhouette(), 5.0),
-            }
+        energies = usual_energies() if energies is None else energies
         parts: dict[str, Energy | Prior] = {name: energy for name, (energy, _) in energies.items()}
         parts["prior"] = CodePrior()
         initializers: list[Initializer] = [
@@ -235,6 +230,15 @@ class CategoryModel:
             drawing=drawing.numpy(),
             fit=fit,
         )
+
+
+def usual_energies() -> dict[str, tuple[Energy, float]]:
+    """What compares drawing and photo unless said otherwise, by name and with weights."""
+    return {
+        "perceptual": (Perceptual(EfficientNetLite0()), 1.0),
+        "ssim": (SSIM(), 2.0),
+        "silhouette": (Silhouette(), 5.0),
+    }
 
 
 def _adam(rates: dict[str, float], share: float) -> Adam:
