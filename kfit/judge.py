@@ -22,9 +22,16 @@ from kfit.core import (
 )
 from kfit.core.contracts import Need
 
+# Pixels that are drawn at once. On a CPU what a chunk of 16 pictures of 64 × 64 needs stays in the cache and is memory
+# that is used again: 120 at once take 1.7 times as long a picture, and 2 as long again as 16.
+CHUNK_PIXELS = {"cpu": 16 * 64 * 64}
+CHUNK_PIXELS_ELSEWHERE = 512 * 64 * 64
+
 
 class Judge:
     """The `kfit.core.Evaluate` of one fit: draws rows, compares them with targets whose features it holds.
+
+    Rows are drawn in chunks, so that memory does not grow with their number; no row's answer depends on others.
 
     Args:
         generator: frozen.
@@ -54,7 +61,10 @@ class Judge:
             else term.prepare(observation)
             for name, term in self.terms.items()
         }
-        self._rows: tuple[Tensor, Any] | None = None
+        self._rows: tuple[Tensor, list[Any]] | None = None
+        height, width = observation.image.shape[-2:]
+        pixels = CHUNK_PIXELS.get(observation.image.device.type, CHUNK_PIXELS_ELSEWHERE)
+        self.chunk = max(1, pixels // (height * width))
 
     def __call__(self, raw: Variables, problem: Tensor, need: Need = "value") -> Evaluation:
         """Draw and compare.
@@ -63,7 +73,16 @@ class Judge:
             ValueError: if residuals are asked for and a term that is descended is no sum of squares.
         """
         self.num_evaluations += len(problem)
-        wants = need == "gradient"
+        prepared = self._gather(problem)
+        chunks = [
+            self._evaluate({name: tensor[rows] for name, tensor in raw.items()}, prepared[number], need)
+            for number, rows in enumerate(self._chunks(len(problem)))
+        ]
+        joined: Evaluation = _joined(chunks)
+        return joined
+
+    def _evaluate(self, raw: Variables, prepared: Any, need: Need) -> Evaluation:
+        wants, rows = need == "gradient", len(next(iter(raw.values())))
         terms: dict[str, Tensor] = {}
         residuals: list[Tensor] = []
         with torch.set_grad_enabled(wants):
@@ -75,8 +94,7 @@ class Judge:
                 if not weight and not self.rank_weights.get(name):
                     continue
                 handed = self._values(term, values) if isinstance(term, Prior) else rendering.handed(term.on)
-                prepared = self._gather(problem)[name]
-                given = (handed,) if prepared is None else (handed, prepared)
+                given = (handed,) if prepared[name] is None else (handed, prepared[name])
                 if need == "residuals" and weight:
                     parts = self._residuals(name, given)
                     residuals.append(weight**0.5 * parts)
@@ -87,7 +105,7 @@ class Judge:
             energy = torch.stack([self.weights[name] * term for name, term in terms.items()]).sum(0)
             gradient = self._gradient(energy, leaves) if wants else None
         if need == "residuals":
-            residuals = residuals or [energy.new_zeros(len(problem), 0)]
+            residuals = residuals or [energy.new_zeros(rows, 0)]
         ranked = [self.rank_weights.get(name, 0.0) * term.detach() for name, term in terms.items()]
         return Evaluation(
             energy=energy.detach(),
@@ -123,9 +141,26 @@ class Judge:
             for (name, leaf), slope in zip(leaves.items(), slopes, strict=True)
         }
 
-    def _gather(self, problem: Tensor) -> Any:
-        """The targets' features for these rows, gathered anew only when the rows have changed."""
+    def _chunks(self, rows: int) -> list[slice]:
+        """Even parts of at most `chunk` rows; one part of none, where there are no rows."""
+        count = max(1, -(-rows // self.chunk))
+        return [slice(rows * part // count, rows * (part + 1) // count) for part in range(count)]
+
+    def _gather(self, problem: Tensor) -> list[Any]:
+        """The targets' features for the rows of each chunk, gathered anew only when the rows have changed."""
         if self._rows is None or not torch.equal(self._rows[0], problem):
-            rows = pytree.tree_map_only(Tensor, lambda tensor: tensor.index_select(0, problem), self.prepared)
-            self._rows = (problem, rows)
+            self._rows = (problem, [self._targets(problem[rows]) for rows in self._chunks(len(problem))])
         return self._rows[1]
+
+    def _targets(self, problem: Tensor) -> Any:
+        return pytree.tree_map_only(Tensor, lambda tensor: tensor.index_select(0, problem), self.prepared)
+
+
+def _joined(chunks: list[Any]) -> Any:
+    """One evaluation of all rows: what the chunks hold, tensor by tensor."""
+    first = chunks[0]
+    if isinstance(first, Tensor):
+        return torch.cat(chunks)
+    if isinstance(first, dict):
+        return {name: _joined([chunk[name] for chunk in chunks]) for name in first}
+    return None if first is None else type(first)(**_joined([vars(chunk) for chunk in chunks]))

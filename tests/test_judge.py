@@ -103,3 +103,29 @@ def test_the_rendering_is_what_was_drawn():
     seen = told(RAW, PROBLEM)
     torch.testing.assert_close(seen.rendering.image, told.generator(**seen.values).image)
     assert told.num_evaluations == 3
+
+
+@pytest.mark.parametrize("need", ["value", "residuals", "gradient"])
+@pytest.mark.parametrize("chunk", [1, 2])
+def test_rows_are_drawn_in_even_chunks_and_none_notices(need, chunk):
+    terms, weights = {"l2": L2(), "prior": CodePrior("shift")}, {"l2": 1.0, "prior": 0.1}
+    at_once, drawn = judge(terms, weights), []
+    in_parts = judge(terms, weights)
+    in_parts.chunk = chunk
+    in_parts.generator.register_forward_hook(lambda module, given, found: drawn.append(len(found.image)))
+    whole, parts = at_once(RAW, PROBLEM, need), in_parts(RAW, PROBLEM, need)
+    assert max(drawn) <= chunk
+    assert sum(drawn) == in_parts.num_evaluations == 3
+    for name, tensor in vars(whole).items():
+        if name == "rendering":
+            torch.testing.assert_close(parts.rendering.image, tensor.image)
+        else:
+            torch.testing.assert_close(getattr(parts, name), tensor)
+
+
+def test_a_chunk_holds_fewer_pictures_the_larger_they_are():
+    def chunk(side):
+        picture = torch.zeros(1, 3, side, side)
+        return Judge(Template(picture[0], "similarity"), {"l2": L2()}, {"l2": 1.0}, Observation(picture)).chunk
+
+    assert [chunk(64), chunk(128), chunk(1024)] == [16, 4, 1]

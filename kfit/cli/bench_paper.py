@@ -27,6 +27,13 @@ def parser() -> ArgumentParser:
     parser.add_argument("--categories", type=list[str], default=["laptop", "mug"], help="of objects, as [laptop,mug]")
     parser.add_argument("--train-steps", type=int, default=1500, help="of each training, 32 pairs each")
     parser.add_argument("--objects", type=int, default=4000, help="procedural objects to train on")
+    parser.add_argument(
+        "--vgg16",
+        type=str,
+        metavar="FILE",
+        help="VGG16's ImageNet weights (torchvision's names) that the regressor starts from, as the paper's did; from "
+        "nothing without",
+    )
     parser.add_argument("--views", type=int, default=60, help="unseen objects a row, one view each")
     parser.add_argument("--starts", type=int, default=16, help="starts a view")
     parser.add_argument("--steps", type=int, default=40, help="steps of a fit")
@@ -60,7 +67,11 @@ def run(said: Namespace) -> None:
     if said.train_steps < EPOCHS or said.train_steps % EPOCHS:
         raise ValueError(f"--train-steps must be a multiple of {EPOCHS}, got {said.train_steps}")
     console = Console(stderr=True)
-    training = Training(said.train_steps, said.objects, Path(said.recipes), Path(said.cache), Path(said.runs))
+    if said.vgg16 is not None and not Path(said.vgg16).is_file():
+        raise FileNotFoundError(f"--vgg16: there is no file {said.vgg16}")
+    training = Training(
+        said.train_steps, said.objects, Path(said.recipes), Path(said.cache), Path(said.runs), said.vgg16
+    )
     wanted = [
         (category, unit)
         for table in said.tables

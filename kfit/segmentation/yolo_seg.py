@@ -68,8 +68,8 @@ class YoloSeg(Detector):
             raise ValueError(f"{self.network.path} answers for {len(found)} pictures, not for one")
         extra = prototypes.shape[1]
         boxes, scores, numbers, coefficients = _suppressed(found[0]) if self._suppressed else _suppress(found[0], extra)
-        flat = coefficients @ prototypes[0].reshape(extra, -1)
-        masks = (0.5 + 0.5 * np.tanh(flat / 2)).reshape(-1, *prototypes.shape[2:])  # σ without overflow
+        # Interpolated before the σ, as Ultralytics does: σ(x) > 1/2 where x > 0.
+        masks = (0.5 + coefficients @ prototypes[0].reshape(extra, -1)).reshape(-1, *prototypes.shape[2:])
         names = [self.names.get(number, f"class {number}") for number in numbers.tolist()]
         frames = np.tile(fitted.frame, (len(names), 1))
         return Detections(shape, fitted.to_photo(boxes), scores.astype(np.float64), names, masks, frames)

@@ -58,6 +58,8 @@ class Training:
         recipes: folder of the recipes.
         cache: folder of rendered views.
         runs: folder of trainings; one a category and variant.
+        vgg16: file of VGG16's ImageNet weights that the regressor starts from, as the paper's; None starts it from
+            nothing.
     """
 
     steps: int
@@ -65,6 +67,7 @@ class Training:
     recipes: Path
     cache: Path
     runs: Path
+    vgg16: str | None = None
 
     def folder(self, name: str, category: str) -> Path:
         return self.runs / category / name
@@ -72,8 +75,9 @@ class Training:
     def command(self, name: str, category: str) -> list[str]:
         """Words after ``lightning`` that train a variant."""
         variant = VARIANTS[name]
+        started = ("--model.init_args.weights", self.vgg16) if name == "regressor" and self.vgg16 else ()
         return [
-            *("fit", "-c", str(self.recipes / variant.recipe), *variant.settings),
+            *("fit", "-c", str(self.recipes / variant.recipe), *variant.settings, *started),
             *("--data.category", category, "--data.num_objects", str(self.objects), "--data.batch_size", "32"),
             *("--data.cache_dir", str(self.cache), "--trainer.default_root_dir", str(self.folder(name, category))),
             *("--trainer.max_epochs", str(EPOCHS), "--trainer.limit_train_batches", str(self.steps // EPOCHS)),
