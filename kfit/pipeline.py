@@ -27,6 +27,8 @@ from kfit.core import (
 )
 from kfit.core.check import check_names
 from kfit.core.recorder import Recorder
+from kfit.core.rows import best_first
+from kfit.core.seeds import mixed_seed
 from kfit.judge import Judge
 from kfit.selectors import LowestEnergy
 
@@ -49,6 +51,8 @@ class FitPipeline(nn.Module):
         selector: picks the winner among a problem's starts.
         callbacks: progress, pruning, recording.
         num_starts: S, starts a problem.
+        num_candidates: C ≥ S, starts a problem that initializers propose; each is drawn once, without a gradient, and
+            the S of the least ranking energy are started. All are unless given.
         num_steps: steps of the optimizer; the last iterate is evaluated too.
 
     Raises:
@@ -68,10 +72,13 @@ class FitPipeline(nn.Module):
         callbacks: Sequence[Callback] = (),
         num_starts: int = 32,
         num_steps: int = 50,
+        num_candidates: int | None = None,
     ) -> None:
         super().__init__()
         if num_starts < 1 or num_steps < 0:
             raise ValueError(f"num_starts must be at least 1, num_steps at least 0, got {num_starts} and {num_steps}")
+        if num_candidates is not None and num_candidates < num_starts:
+            raise ValueError(f"num_candidates must be at least num_starts, {num_starts}, got {num_candidates}")
         if not energies:
             raise ValueError("energies must name at least one energy, got none")
         check_names("weights", weights or {}, energies)
@@ -89,6 +96,7 @@ class FitPipeline(nn.Module):
         self.selector = selector or LowestEnergy()
         self.callbacks = list(callbacks)
         self.num_starts, self.num_steps = num_starts, num_steps
+        self.num_candidates = num_starts if num_candidates is None else num_candidates
         self._check_initializers(generator)
         if not any((rank_weights or self._weights_at(num_steps)).values()):
             raise ValueError("rank_weights must hold a number other than 0, or no start is better than another")
@@ -135,10 +143,10 @@ class FitPipeline(nn.Module):
         device, count = observation.image.device, observation.num_problems
         problem = torch.arange(count, device=device).repeat_interleave(self.num_starts)
         start = torch.arange(self.num_starts, device=device).repeat(count)
-        raw = self._start(observation, seed)
         terms: dict[str, Energy | Prior] = dict(self.energies.items())  # type: ignore[arg-type]
         rank_weights = self.rank_weights or self._weights_at(self.num_steps)
         judge = Judge(self.generator, terms, rank_weights, observation)
+        raw = self._likeliest(judge, self._start(observation, seed))
         nothing = raw[next(iter(raw))].new_full((len(problem),), torch.inf)
         memory = self.optimizer.init(raw, self._seeds(observation, seed))
         state = FitState(0, self.num_steps, problem, start, raw, {}, nothing, {}, nothing, {}, memory)
@@ -165,15 +173,15 @@ class FitPipeline(nn.Module):
 
     def _start(self, observation: Observation, seed: int) -> Variables:
         variables = self.generator.variables
-        rows = observation.num_problems * self.num_starts
+        rows = observation.num_problems * self.num_candidates
         raw = {}
         for initializer in self.initializers:
             # Each initializer draws from its own stream, so exchanging one leaves the numbers of the others alone.
             rngs = [
-                torch.Generator().manual_seed(_mix(seed, key, ",".join(initializer.on)))
+                torch.Generator().manual_seed(mixed_seed(seed, key, ",".join(initializer.on)))
                 for key in observation.keys or (0,) * observation.num_problems
             ]
-            values = initializer(variables, observation, self.num_starts, rngs)
+            values = initializer(variables, observation, self.num_candidates, rngs)
             check_names(f"{type(initializer).__name__} set", values, initializer.on, complete=True)
             for name, value in values.items():
                 expected = (rows, *variables[name].shape)
@@ -183,9 +191,20 @@ class FitPipeline(nn.Module):
                 raw[name] = variables[name].space.to_raw(value.to(observation.image))
         return {name: raw[name] for name in variables}
 
+    def _likeliest(self, judge: Judge, raw: Variables) -> Variables:
+        """The candidates that are started, in the order in which they were proposed."""
+        if self.num_candidates == self.num_starts:
+            return raw
+        rows = len(next(iter(raw.values())))
+        problem = torch.arange(rows, device=next(iter(raw.values())).device) // self.num_candidates
+        judge.weights = self._weights_at(0)
+        order, place = best_first(judge(raw, problem).ranking, problem)
+        kept = order[place < self.num_starts].sort().values
+        return {name: tensor[kept] for name, tensor in raw.items()}
+
     def _seeds(self, observation: Observation, seed: int) -> Tensor:
         keys, starts = observation.keys or (0,) * observation.num_problems, range(self.num_starts)
-        seeds = [_mix(seed, key, f"optimizer/{start}") for key in keys for start in starts]
+        seeds = [mixed_seed(seed, key, f"optimizer/{start}") for key in keys for start in starts]
         return torch.tensor(seeds, device=observation.image.device)
 
     def _advance(self, state: FitState, step: int, new: Variables, seen: Evaluation, memory: Any) -> FitState:
@@ -237,11 +256,3 @@ class FitPipeline(nn.Module):
 
 def _tail(rows: Tensor, like: Tensor) -> Tensor:
     return rows.view(-1, *[1] * (like.dim() - 1))
-
-
-def _mix(seed: int, key: int, stream: str) -> int:
-    """One number out of a seed, a problem's key and a stream's name: FNV-1a over their bytes, so it never varies."""
-    mixed = 0xCBF29CE484222325
-    for byte in f"{seed}/{key}/{stream}".encode():
-        mixed = ((mixed ^ byte) * 0x100000001B3) % 2**64
-    return mixed % 2**63

@@ -8,12 +8,12 @@ import pytest
 import torch
 from torch.utils.flop_counter import FlopCounterMode
 
-from kfit.core import frozen
 from kfit.data.rasterizer import DISTANCE, Light, pose_view
 from kfit.data.shapes.primitives import revolve
 from kfit.data.shapes.textures import solid
-from kfit.generators import VAE3D, RadianceField
+from kfit.generators import VAE3D, RadianceField, radiance_field
 from kfit.generators.radiance_field import EMPTY
+from kfit.models import load
 
 WHITE = Light(np.ones(3), np.zeros((0, 3)), np.zeros((0, 3)))
 
@@ -89,13 +89,14 @@ def test_what_is_near_hides_what_is_far_by_the_formula():
 def test_does_no_more_arithmetic_than_the_compact_vae3d():
     def multiply_adds(generator):
         with FlopCounterMode(display=False) as counter:
-            frozen(generator)(code=torch.zeros(1, 16), azimuth=torch.zeros(1), elevation=torch.zeros(1))
+            generator(code=torch.zeros(1, 16), azimuth=torch.zeros(1), elevation=torch.zeros(1))
         return counter.get_total_flops() / 2
 
     convolutions = multiply_adds(RadianceField())
     assert convolutions == pytest.approx(0.22e9, rel=0.03)
     assert multiply_adds(RadianceField(refined=False)) == pytest.approx(0.17e9, rel=0.03)
-    # The counter leaves sampling out: 24 depths × 64² rays × 4 channels × 8 corners.
+    # In training mode, which looks at all samples, once. The counter leaves that out: 24 depths × 64² rays × 4 channels
+    # × 8 corners.
     assert convolutions + 24 * 64**2 * 4 * 8 < 0.5 * multiply_adds(VAE3D())
     assert sum(p.numel() for p in RadianceField().parameters()) < sum(p.numel() for p in VAE3D().parameters())
 
@@ -167,3 +168,36 @@ def test_single_pixels_are_those_of_the_whole_picture():
         some = field(**values, pixels=torch.tensor([[1, 4, 15], [0, 7, 8]]))
     for name in ("image", "mask", "depth"):
         torch.testing.assert_close(getattr(some, name), getattr(whole, name)[..., [1, 4, 15], :][..., [0, 7, 8]])
+
+
+def test_evaluation_looks_closely_only_where_it_counts_and_draws_and_slopes_the_same(monkeypatch):
+    field = load("mug").generator
+    rng = torch.Generator().manual_seed(0)
+    values = {name: 0.7 * torch.randn(3, *v.shape, generator=rng) for name, v in field.variables.items()}
+    looked = []
+    sampled = radiance_field._sampled
+    monkeypatch.setattr(radiance_field, "_sampled", lambda *given: looked.append(len(given[1])) or sampled(*given))
+    pictures, slopes = [], []
+    for training in (True, False):
+        field.train(training)
+        leaves = {name: value.clone().requires_grad_() for name, value in values.items()}
+        seen = field(**leaves)
+        energy = (seen.image - 0.3).square().sum() + seen.mask.sum() + seen.depth.square().sum()
+        slopes.append(torch.autograd.grad(energy, list(leaves.values())))
+        pictures.append(seen)
+    assert looked == [pytest.approx(0.15 * 3 * 24 * 64**2, rel=0.5)]
+    for name in ("image", "mask"):
+        torch.testing.assert_close(pictures[1].field(name), pictures[0].field(name), rtol=0, atol=2e-3)
+    for apart, exact in zip(slopes[1], slopes[0], strict=True):
+        assert torch.nn.functional.cosine_similarity(apart.flatten(), exact.flatten(), dim=0) > 0.99
+
+
+def test_an_empty_box_is_drawn_white():
+    field = RadianceField().eval()
+    nothing = torch.zeros(2, 4, 32, 32, 32, requires_grad=True)
+    seen = field._picture(nothing, torch.zeros(2), torch.zeros(2), field.rays)
+    assert bool((seen.image == 1).all())
+    assert bool((seen.mask == 0).all())
+    assert bool((seen.depth == 0).all())
+    seen.image.sum().backward()
+    assert nothing.grad.abs().sum() == 0
