@@ -16,24 +16,31 @@ class Adam(Optimizer):
     """Kingma and Ba's Adam (2015, algorithm 1), each row on its own.
 
     m ← β₁m + (1−β₁)g, v ← β₂v + (1−β₂)g², raw ← raw − rate · m̂ / (√v̂ + 1e-8). `torch.optim.Adam` computes the same
-    numbers, but its state cannot lose rows.
+    numbers, but its state cannot lose rows. At a row's step t = 0, 1, … rates are those given times decay^t.
 
     Args:
         rates: one rate for all, or one for each variable, in raw units a step (half-turns for angles); 0 holds it.
         betas: decay of the two averages; the released code fits with (0.5, 0.999).
+        decay: of the rates, from step to step.
 
     Raises:
-        ValueError: for one rate that is not above zero, rates of variables below zero, betas outside [0, 1), or, when
-            a fit starts, names that differ from the generator's variables.
+        ValueError: for one rate that is not above zero, rates of variables below zero, betas outside [0, 1), a decay
+            outside (0, 1], or, when a fit starts, names that differ from the generator's variables.
     """
 
-    def __init__(self, rates: float | dict[str, float] = 0.01, betas: tuple[float, float] = (0.5, 0.999)) -> None:
+    def __init__(
+        self,
+        rates: float | dict[str, float] = 0.01,
+        betas: tuple[float, float] = (0.5, 0.999),
+        decay: float = 1.0,
+    ) -> None:
         by_name = isinstance(rates, dict)
         for name, rate in rates.items() if isinstance(rates, dict) else [("rates", rates)]:
             if not (rate > 0 or (by_name and rate == 0)):
                 raise ValueError(f"Adam: rates must be above 0, or 0 for a variable to hold, got {rate!r} for {name}")
         check_betas(betas)
-        self.rates, self.betas = rates, betas
+        check_range("Adam: decay", decay, 1e-6, 1.0)
+        self.rates, self.betas, self.decay = rates, betas, decay
 
     def init(self, raw: Variables, seeds: Tensor) -> Any:
         if isinstance(self.rates, dict):
@@ -46,7 +53,9 @@ class Adam(Optimizer):
         seen = evaluate(raw, problem, need="gradient")
         assert seen.gradient is not None  # asked for one line above
         rates = self.rates if isinstance(self.rates, dict) else dict.fromkeys(raw, self.rates)
-        new, memory = moved(raw, seen.gradient, memory, rates, self.betas)
+        share = self.decay ** memory["count"]
+        fallen = {name: rate * share for name, rate in rates.items()}
+        new, memory = moved(raw, seen.gradient, memory, fallen, self.betas)
         return new, seen, memory
 
 

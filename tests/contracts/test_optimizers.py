@@ -187,6 +187,22 @@ class TestAdam:
         for name, value in ours.items():
             torch.testing.assert_close(value, leaves[name].detach(), rtol=1e-11, atol=1e-11)
 
+    def test_lets_its_rates_fall_as_torch_s_exponential_schedule_does(self):
+        leaf, y = starts()["x"].clone().requires_grad_(), starts()["y"]
+        theirs = torch.optim.Adam([leaf], lr=0.07, betas=(0.7, 0.95))
+        falling = torch.optim.lr_scheduler.ExponentialLR(theirs, 0.9)
+        for _ in range(20):
+            (leaf.grad,) = torch.autograd.grad(quadratic(leaf, y).square().sum(), leaf)
+            theirs.step()
+            falling.step()
+        ours, _ = walk(Adam({"x": 0.07, "y": 0.0}, (0.7, 0.95), 0.9), quadratic, starts(), 20)
+        torch.testing.assert_close(ours["x"], leaf.detach())
+
+    def test_refuses_rates_that_grow_or_vanish(self):
+        for decay in (0.0, 1.01):
+            with pytest.raises(ValueError, match="Adam: decay"):
+                Adam(decay=decay)
+
     def test_stays_close_to_torch_s_own_in_single_precision(self):
         leaf = starts()["x"].float().requires_grad_()
         theirs = torch.optim.Adam([leaf], lr=0.05, betas=(0.5, 0.999))

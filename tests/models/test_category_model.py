@@ -21,6 +21,7 @@ from kfit.models.accuracy import (
     translation_errors,
     unseen_views,
 )
+from kfit.optimizers import Adam
 
 INTRINSICS = np.array([[500.0, 0, 159.5], [0, 500.0, 119.5], [0, 0, 1]])
 
@@ -104,12 +105,15 @@ def test_the_result_is_json_with_the_promised_fields(tiny_model: CategoryModel) 
     assert np.isclose(np.linalg.norm(said["size"]), 0.17)
 
 
-def test_the_second_half_of_the_steps_is_careful(tiny_model: CategoryModel) -> None:
-    (bold, first), (careful, last) = tiny_model.pipeline(4, 50).optimizer.stages  # type: ignore[attr-defined]
-    assert (first, last) == (25, 25)
-    assert careful.rates == pytest.approx({name: 0.3 * rate for name, rate in bold.rates.items()})
-    assert bold.rates["azimuth"] == 0.03  # the released code's
-    assert tiny_model.pipeline(4, 1).num_steps == 1
+def test_four_times_as_many_poses_are_drawn_as_are_started_and_steps_grow_careful(tiny_model: CategoryModel) -> None:
+    pipeline = tiny_model.pipeline(3, 50)
+    assert (pipeline.num_candidates, pipeline.num_starts) == (12, 3)
+    adam = pipeline.optimizer
+    assert isinstance(adam, Adam)
+    assert isinstance(adam.rates, dict)
+    assert adam.rates["azimuth"] == 0.03  # the released code's
+    assert adam.decay**50 == pytest.approx(0.08)
+    assert tiny_model.pipeline(4, 0).num_steps == 0
 
 
 def test_the_same_seed_gives_the_same_answer(tiny_model: CategoryModel) -> None:
