@@ -106,4 +106,5 @@ def _command(said: Namespace) -> str:
         if said[name] != parser().get_defaults()[name]:
             value = f"[{','.join(said[name])}]" if isinstance(said[name], list) else str(said[name])
             words += [f"--{name.replace('_', '-')}", value]
+    words += ["--vgg16", Path(said.vgg16).name] if said.vgg16 else []
     return shlex.join(words)

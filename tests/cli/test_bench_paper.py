@@ -89,6 +89,23 @@ def test_the_page_says_what_was_asked_for_and_no_more(how):
     assert figures(made_up(["2a"], ["laptop"]), ["2a"], ["laptop"]) == {}
 
 
+def test_the_regressor_starts_from_imagenet_where_its_file_is_given(how):
+    words = replace(how.training, vgg16="vgg16.pth").command("regressor", "laptop")
+    assert words[words.index("--model.init_args.weights") + 1] == "vgg16.pth"
+    assert "--model.init_args.weights" not in how.training.command("regressor", "laptop")
+    given = replace(how, training=replace(how.training, vgg16="vgg16.pth"))
+    found = made_up(["2a"], ["laptop"])
+    assert "the VGG16 regressor from ImageNet's weights" in page(found, ["2a"], ["laptop"], given, "kfit")
+    assert "the VGG16 regressor from random weights" in page(found, ["2a"], ["laptop"], how, "kfit")
+
+
+def test_a_file_of_weights_that_is_not_there_is_named(tmp_path, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(["bench", "paper", "--vgg16", str(tmp_path / "none.pth")])
+    assert ended.value.code == 2
+    assert "--vgg16: there is no file" in capsys.readouterr().err
+
+
 def test_every_published_row_has_its_place():
     assert all(unit in TABLES[table] for table, unit in PUBLISHED)
     assert all(unit.partition("+")[0] in variants.VARIANTS for table in TABLES.values() for unit in table)

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import platform
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-import torch
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from kfit.cli.accuracy_page import circumstances
 from kfit.cli.paper import plots
 from kfit.cli.paper.units import ROBUST_VIEWS, STUDIED, TABLES, Measuring
 from kfit.cli.paper.variants import VARIANTS
@@ -61,21 +60,26 @@ def title_of(unit: str, table: str = "") -> str:
 def page(units: Units, tables: list[str], categories: list[str], how: Measuring, command: str) -> str:
     """The page in Markdown; its figures are those of `figures`, by name beside it."""
     trained, schedule = how.training, how.schedule
+    made = circumstances(command, {})
+    begun = "ImageNet's weights" if trained.vgg16 else "random weights"
     lines = [
         "# The paper's tables, on objects that kfit draws itself",
         "",
         f"Made by `{command}`. Every variant is trained on the same {trained.objects} objects for {trained.steps} "
         f"steps ({32 * trained.steps:,} pairs of views), generators beside `FeatureEncoder` instead of the "
-        f"paper's encoder, and judged on one view each of {how.views} objects of seeds, "
-        f"shape families and texture families held out of training (seed {how.seed}), cut out by their true masks. "
-        f"Fits take {schedule.starts} starts on an even grid and {schedule.steps} steps, pruned as kfit does. "
+        f"paper's encoder, the VGG16 regressor from {begun}, and judged on one view each of {how.views} objects of "
+        f"seeds, shape families and texture families held out of training (seed {how.seed}), cut out by their true masks. "
+        f"Fits take {schedule.starts} starts on an even grid and {schedule.steps} steps; three eighths of the starts "
+        "go on after step 3, an eighth after step 10. kfit's own fit draws as many poses once and starts the best "
+        "quarter. "
         "L1 is that of a view drawn by what the encoder saw in another one, over 1,000 views of held-out families and "
         "over as many of new objects of the families that training showed, as the paper's test objects are; then, over "
         "50 views of held-out families, that of the code which draws the view itself best. "
         "Symmetric classes, and mugs whose handle is hidden, are judged by their axis. With one object a picture and "
         f"no detector, AP at a threshold is the share of views below it; of {how.views} views one is "
         f"{100 / how.views:.1f} points, so differences of less than {100 / how.views**0.5:.0f} points say little. "
-        f"Machine: {torch.get_num_threads()} threads of {platform.machine()}, torch {torch.__version__}.",
+        f"Machine: {made['machine']['processor']}, {made['machine']['threads']} threads of {made['machine']['cores']} "
+        f"cores; torch {made['versions']['torch']}.",
         "",
     ]
     for table in tables:
