@@ -223,8 +223,11 @@ def _sampled(volume: Tensor, row: Tensor, point: Tensor) -> Tensor:
     x, y, z = point.unbind(1)
     slab = row * (deep + 1) + (z + 1) * deep / 2
     grid = torch.stack([x, y, 2 * slab / whole - 1], 1)
-    found = F.grid_sample(stacked[None], grid.view(1, 1, 1, -1, 3), padding_mode="zeros", align_corners=False)
-    return found.view(channels, -1)
+    # On a CPU it gives each thread entries of the batch, never parts of one.
+    parts = torch.get_num_threads() if volume.device.type == "cpu" else 1
+    grid = F.pad(grid, (0, 0, 0, -len(grid) % parts)).view(parts, 1, 1, -1, 3)
+    found = F.grid_sample(stacked.expand(parts, -1, -1, -1, -1), grid, padding_mode="zeros", align_corners=False)
+    return found.transpose(0, 1).reshape(channels, -1)[:, : len(point)]
 
 
 class _BoundCode(Generator):
