@@ -111,8 +111,8 @@ def paper_fit(
 
 
 def kfit_fit(model: CategoryModel, schedule: Schedule, depth: bool = False) -> FitPipeline:
-    """kfit's own fit: it draws as many poses once as the paper's fit starts, and starts the best quarter."""
-    return model.pipeline(max(1, schedule.starts // 4), schedule.steps, depth=depth)
+    """kfit's own fit, with as many starts and steps as the paper's."""
+    return model.pipeline(schedule.starts, schedule.steps, depth=depth)
 
 
 def by_fit(model: CategoryModel, views: UnseenViews, pipeline: FitPipeline, on_batch: Callable[[int], None]) -> Found:
