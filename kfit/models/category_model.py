@@ -40,8 +40,8 @@ from kfit.segmentation import Photo, Segmenter
 # Raw units a step, as the released code fits (neural_object_fitting@7309348): half-turns for angles.
 RATES = {"code": 0.3, "azimuth": 0.03, "elevation": 0.01, "roll": 0.01, "shift": 0.03, "scale": 0.03}
 # What is left of them after the last step. With it 24 steps of 8 starts do nearly what 50 steps of 32 did that fell to
-# three tenths half-way: of 100 laptops of seed 0 72 % are under 5° and 89 % under 10° (69 and 91), of 88 mugs 47 and 80 %
-# (53 and 81).
+# three tenths half-way: of 100 laptops of seed 0 72 % are under 5° and 89 % under 10° (69 and 91), of 88 mugs 47 % and
+# 80 % (53 and 81).
 CAREFUL = 0.08
 BETAS = (0.7, 0.95)
 # Where depth is seen: distance in logarithms, the focal length known.
