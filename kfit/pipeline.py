@@ -30,6 +30,7 @@ from kfit.core.recorder import Recorder
 from kfit.core.rows import best_first
 from kfit.core.seeds import mixed_seed
 from kfit.judge import Judge
+from kfit.proposals import propose
 from kfit.selectors import LowestEnergy
 
 
@@ -146,7 +147,8 @@ class FitPipeline(nn.Module):
         terms: dict[str, Energy | Prior] = dict(self.energies.items())  # type: ignore[arg-type]
         rank_weights = self.rank_weights or self._weights_at(self.num_steps)
         judge = Judge(self.generator, terms, rank_weights, observation)
-        raw = self._likeliest(judge, self._start(observation, seed))
+        proposed = propose(self.initializers, self.generator.variables, observation, self.num_candidates, seed)
+        raw = self._likeliest(judge, proposed)
         nothing = raw[next(iter(raw))].new_full((len(problem),), torch.inf)
         memory = self.optimizer.init(raw, self._seeds(observation, seed))
         state = FitState(0, self.num_steps, problem, start, raw, {}, nothing, {}, nothing, {}, memory)
@@ -170,26 +172,6 @@ class FitPipeline(nn.Module):
         for callback in self.callbacks:
             callback.on_end(result)
         return result
-
-    def _start(self, observation: Observation, seed: int) -> Variables:
-        variables = self.generator.variables
-        rows = observation.num_problems * self.num_candidates
-        raw = {}
-        for initializer in self.initializers:
-            # Each initializer draws from its own stream, so exchanging one leaves the numbers of the others alone.
-            rngs = [
-                torch.Generator().manual_seed(mixed_seed(seed, key, ",".join(initializer.on)))
-                for key in observation.keys or (0,) * observation.num_problems
-            ]
-            values = initializer(variables, observation, self.num_candidates, rngs)
-            check_names(f"{type(initializer).__name__} set", values, initializer.on, complete=True)
-            for name, value in values.items():
-                expected = (rows, *variables[name].shape)
-                if tuple(value.shape) != expected:
-                    came = tuple(value.shape)
-                    raise ValueError(f"{type(initializer).__name__} must give {name!r} in shape {expected}, got {came}")
-                raw[name] = variables[name].space.to_raw(value.to(observation.image))
-        return {name: raw[name] for name in variables}
 
     def _likeliest(self, judge: Judge, raw: Variables) -> Variables:
         """The candidates that are started, in the order in which they were proposed."""

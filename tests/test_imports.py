@@ -26,7 +26,8 @@ ALLOWED = {
     # Whole methods, not parts of one: they share VGG16 with the features and NOCS's alignment with the data's readers.
     "baselines": BELOW_PARTS | {"features", "data"},
     "judge": BELOW_PARTS,
-    "pipeline": BELOW_PARTS | PARTS | {"judge"},
+    "proposals": BELOW_PARTS,
+    "pipeline": BELOW_PARTS | PARTS | {"judge", "proposals"},
     "training": BELOW_PARTS | PARTS | {"baselines", "pipeline"},
     "models": BELOW_MODELS,
     "reports": BELOW_MODELS,

@@ -286,6 +286,10 @@ class TestTheWork:
             torch.testing.assert_close(result.history.energy[0, problem], energy[best])
             torch.testing.assert_close(result.history.values["x"][0, problem], proposed.values["x"][0, problem, best])
 
+    def test_fewer_candidates_than_starts_are_refused(self):
+        with pytest.raises(ValueError, match="num_candidates must be at least num_starts, 4, got 3"):
+            pipeline(num_starts=4, num_candidates=3)
+
     def test_callbacks_are_called_at_the_start_at_each_step_and_at_the_end(self):
         class Log(Callback):
             def __init__(self):
@@ -406,10 +410,6 @@ class TestBrokenRows:
         said = r"^every start of every problem became NaN or infinite by step 0 of the fit$"
         with pytest.raises(FitError, match=said):
             self.fit([0.9] * 6)(spots(rows=(0, 1)), seed=0)
-
-    def test_fewer_candidates_than_starts_are_refused(self):
-        with pytest.raises(ValueError, match="num_candidates must be at least num_starts, 4, got 3"):
-            pipeline(num_starts=4, num_candidates=3)
 
     def test_leave_counts_and_pruning_in_order(self):
         fit = self.fit(self.one_broken, callbacks=[Pruning({2: 2}), Pruning({5: 1})])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 
 import torch
@@ -14,19 +13,15 @@ from kfit.core import Angle, Generator, Rendering, Variable
 from kfit.core.bound import bind_code
 from kfit.core.check import check_range
 from kfit.generators.adain import AdaIN
+from kfit.generators.ray_march import EMPTY, RayMarch
 from kfit.generators.refinement import Refinement
 from kfit.geometry.pose import rotation_from_angles
 
 VOLUME_SIDE = 4  # of the learned constant; each 3D layer doubles it
-# Raw density outside the volume, e^-12 after the softplus: empty.
-EMPTY = -6.0
-SHARPNESS = 2.0
 # Of the styles, louder than AdaIN's own from the start: else the encoder learns to say less, and drawings are worse.
 GAIN = 0.3
 # Rays are taken to cross walls by at least this much.
 PARALLEL = 1e-6
-# What counts for less in its pixel is not looked at, except in training.
-FAINT = 1e-4
 
 
 class RadianceField(Generator):
@@ -146,88 +141,10 @@ class RadianceField(Generator):
             # Objects of unit diagonal stay within half a diagonal of their centre, whichever way they are turned.
             near = walls.amin(0).amax(-1).clamp(-0.5, 0.5)
             step = (walls.amax(0).amin(-1).clamp(-0.5, 0.5) - near).clamp_min(0) / self.num_samples
-            march = _March(past, along, near, step, self.num_samples, self.thickness)
+            march = RayMarch(past, along, near, step, self.num_samples, self.thickness)
             # Networks that learn, and those that are compiled or exported, look at all of the box.
             whole = self.training or torch.compiler.is_compiling()
             return march.whole(volume) if whole else march.where_it_counts(volume)
-
-
-@dataclass(frozen=True)
-class _March:
-    """Rays (N, H, W) through boxes [−1, 1]³: points past + d · along at K even depths d from near on."""
-
-    past: Tensor
-    along: Tensor
-    near: Tensor
-    step: Tensor
-    num_samples: int
-    thickness: float
-
-    def whole(self, volume: Tensor) -> Rendering:
-        """The picture of all samples."""
-        depths, grid = self._points()
-        raw = F.grid_sample(volume, grid, mode="bilinear", padding_mode="zeros", align_corners=False)
-        share = _shares(self._optical(raw[:, 3], self.step[:, None]))
-        mask = share.sum(1, keepdim=True)
-        image = (share[:, None] * torch.sigmoid(raw[:, :3])).sum(2) + 1 - mask
-        depth = (share * depths).sum(1, keepdim=True) / mask.clamp_min(1e-4)
-        return Rendering(image=image, mask=mask, depth=depth)
-
-    def where_it_counts(self, volume: Tensor) -> Rendering:
-        """The picture of samples of a share above `FAINT`, a few of all: density, without slopes, tells which."""
-        with torch.no_grad():
-            density = F.grid_sample(volume[:, 3:].contiguous(), self._points()[1], align_corners=False)
-            among = _shares(self._optical(density[:, 0], self.step[:, None]))
-            seen = (among > FAINT).flatten().nonzero()[:, 0]
-        rows, _, height, width = among.shape
-        row, pixel = seen // among[0].numel(), seen % (height * width)
-        ray = row * (height * width) + pixel
-        number = seen // (height * width) % self.num_samples
-        step = self.step.flatten()[ray]
-        depth = self.near.flatten()[ray] + (number + 0.5) * step
-        point = self.past.flatten(0, 2)[ray] + depth[:, None] * self.along.flatten(0, 2)[ray]
-        raw = _sampled(volume, row, point)
-        thickness = torch.zeros_like(among).flatten().index_put((seen,), self._optical(raw[3], step))
-        share = _shares(thickness.view_as(among)).flatten()[seen]
-        parts = torch.cat([share * torch.sigmoid(raw[:3]), share[None], (share * depth)[None]])
-        sums = parts.new_zeros(5, rows * height * width).index_add(1, ray, parts)
-        colour, mask, far = sums.view(5, rows, height, width).transpose(0, 1).split([3, 1, 1], 1)
-        return Rendering(image=colour + 1 - mask, mask=mask, depth=far / mask.clamp_min(1e-4))
-
-    def _points(self) -> tuple[Tensor, Tensor]:
-        """Depths (N, K, H, W) and points (N, K, H, W, 3) of all samples."""
-        count = torch.arange(self.num_samples, device=self.near.device).view(-1, 1, 1) + 0.5
-        depths = self.near[:, None] + count * self.step[:, None]
-        return depths, self.past[:, None] + depths[..., None] * self.along[:, None]
-
-    def _optical(self, raw: Tensor, step: Tensor) -> Tensor:
-        return self.thickness * step * F.softplus(SHARPNESS * (raw + EMPTY))
-
-
-def _shares(thickness: Tensor) -> Tensor:
-    """What each of the samples (N, K, H, W) counts for in its pixel: by how much light is less behind it."""
-    # A sum up to each sample as a product of matrices, for `cumsum` along this axis is ten times as slow on a CPU.
-    to_here = -torch.ones(2 * thickness.shape[1:2], dtype=thickness.dtype, device=thickness.device).tril()
-    light = (to_here @ thickness.flatten(2)).exp().view_as(thickness)
-    return torch.cat([1 - light[:, :1], light[:, :-1] - light[:, 1:]], 1)
-
-
-def _sampled(volume: Tensor, row: Tensor, point: Tensor) -> Tensor:
-    """(C, M) of the volumes (N, C, D, H, W) at M points (M, 3) in [−1, 1], each in one row's volume.
-
-    `grid_sample` takes as many points of each row; so the rows' volumes are stacked to one, nothing between them.
-    """
-    count, channels, deep = volume.shape[:3]
-    stacked = F.pad(volume, (0, 0, 0, 0, 0, 1)).transpose(0, 1).flatten(1, 2)
-    whole = count * (deep + 1)
-    x, y, z = point.unbind(1)
-    slab = row * (deep + 1) + (z + 1) * deep / 2
-    grid = torch.stack([x, y, 2 * slab / whole - 1], 1)
-    # On a CPU it gives each thread entries of the batch, never parts of one.
-    parts = torch.get_num_threads() if volume.device.type == "cpu" else 1
-    grid = F.pad(grid, (0, 0, 0, -len(grid) % parts)).view(parts, 1, 1, -1, 3)
-    found = F.grid_sample(stacked.expand(parts, -1, -1, -1, -1), grid, padding_mode="zeros", align_corners=False)
-    return found.transpose(0, 1).reshape(channels, -1)[:, : len(point)]
 
 
 class _BoundCode(Generator):

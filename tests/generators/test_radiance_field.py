@@ -11,8 +11,8 @@ from torch.utils.flop_counter import FlopCounterMode
 from kfit.data.rasterizer import DISTANCE, Light, pose_view
 from kfit.data.shapes.primitives import revolve
 from kfit.data.shapes.textures import solid
-from kfit.generators import VAE3D, RadianceField, radiance_field
-from kfit.generators.radiance_field import EMPTY
+from kfit.generators import VAE3D, RadianceField, ray_march
+from kfit.generators.ray_march import EMPTY
 from kfit.models import load
 
 WHITE = Light(np.ones(3), np.zeros((0, 3)), np.zeros((0, 3)))
@@ -175,8 +175,8 @@ def test_evaluation_looks_closely_only_where_it_counts_and_draws_and_slopes_the_
     rng = torch.Generator().manual_seed(0)
     values = {name: 0.7 * torch.randn(3, *v.shape, generator=rng) for name, v in field.variables.items()}
     looked = []
-    sampled = radiance_field._sampled
-    monkeypatch.setattr(radiance_field, "_sampled", lambda *given: looked.append(len(given[1])) or sampled(*given))
+    sampled = ray_march._sampled
+    monkeypatch.setattr(ray_march, "_sampled", lambda *given: looked.append(len(given[1])) or sampled(*given))
     pictures, slopes = [], []
     for training in (True, False):
         field.train(training)
