@@ -18,7 +18,7 @@ def parser() -> ArgumentParser:
     )
     parser.add_argument("checkpoint", type=str, help="a .ckpt file of kfit.training.ConditionalVAE")
     parser.add_argument("--pose-head", type=str, default=None, help="a .ckpt file of kfit.training.PoseTraining")
-    parser.add_argument("--pose-weight", type=float, default=0.1, help="how much a fit heeds the pose head")
+    parser.add_argument("--pose-weight", type=float, default=2.0, help="how much a fit heeds the pose head")
     parser.add_argument("--out", type=str, required=True, help="file to write, ending in .safetensors")
     parser.add_argument("--command", type=str, default=None, help="the training command, for the card")
     return parser

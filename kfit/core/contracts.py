@@ -8,6 +8,7 @@ how many they have.
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -63,10 +64,12 @@ class PoseNetwork(nn.Module, ABC):
     Attributes:
         azimuths, elevations: (A,) and (E,) centres of its bins in radians, rising in even steps; A is 1 where the
             object looks the same at all azimuths.
+        spread: standard deviation in radians of what it says around a pose of which it is sure.
     """
 
     azimuths: Tensor
     elevations: Tensor
+    spread: float = math.radians(6)
 
     @abstractmethod
     def forward(self, image: Tensor) -> Tensor:

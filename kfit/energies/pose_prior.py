@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import torch
@@ -14,12 +13,15 @@ from kfit.geometry import log_shares
 
 
 class PosePrior(Prior):
-    """Negative log-density of azimuth and elevation by a pose head's look at the picture.
+    """How far a pose is from what a pose head reads off the picture.
 
-    E = −log((1 − ε) · Σ_b p_b K(pose, b) + ε),  K = exp((cos Δazimuth − 1) / s²) · exp(−Δelevation² / 2s²)
+    E = −log((1 − ε) · F + ε),  F = (Σ_b √(p_b q_b))²
 
-    over the bins b of the head, where p_b is what it says, K is made to sum to 1 over the bins, and s is a bin's width.
-    A head that is wrong is outvoted at a bounded cost: ε takes the part of all poses alike.
+    over the bins b of the head: p is what it says, q what it would say if it were sure of the pose, a von Mises
+    distribution in azimuth times a Gaussian in elevation (`kfit.geometry.log_shares`), and F the fidelity of the two, 1
+    where p = q: their Bhattacharyya coefficient squared (Bhattacharyya 1943). Around a sure head's pose E is
+    Δ² / 4 spread², at the edges of its range too, where bins end; of several peaks each has its share. A head that is
+    wrong is outvoted at a bounded cost: ε takes the part of all poses alike.
 
     Shape: azimuth and elevation (N,) in radians, energy (N,) between 0 and −log ε.
 
@@ -40,11 +42,10 @@ class PosePrior(Prior):
 
     def prepare(self, observation: Observation) -> Tensor:
         said: Tensor = self.head(observation.image)
-        return said.exp()
+        return (said / 2).exp()
 
     def forward(self, value: dict[str, Tensor], prepared: Any = None) -> Tensor:
         azimuths, elevations = self.head.azimuths, self.head.elevations
-        width = float(elevations[1] - elevations[0]) if len(elevations) > 1 else math.pi
-        turned, tipped = log_shares(value["azimuth"], value["elevation"], azimuths, elevations, width)
-        near = torch.einsum("nae,na,ne->n", prepared, turned.exp(), tipped.exp())
-        return -torch.log((1 - self.floor) * near + self.floor)
+        turned, tipped = log_shares(value["azimuth"], value["elevation"], azimuths, elevations, self.head.spread)
+        alike = torch.einsum("nae,na,ne->n", prepared, (turned / 2).exp(), (tipped / 2).exp()).square()
+        return -torch.log((1 - self.floor) * alike + self.floor)

@@ -29,8 +29,7 @@ class Card:
         axes: how the object stands in its frame, in words.
         symmetry: ``"none"`` or ``"y"``.
         mean_diagonal: in metres; what translation and size from colour alone rest on.
-        pose_weight: of what the pose head says, beside the energies of the picture; it weighs little where pictures of
-            wrong poses differ much, as a laptop's do.
+        pose_weight: of what the pose head says, beside the energies of the picture.
         training: command, data, number of pairs, seed, versions.
         accuracy: measured figures, by the name of what they were measured on.
         calibration: what confidence rests on, for fits of ``"RGB"`` and of ``"RGB-D"``, as far as `kfit calibrate`
@@ -46,7 +45,7 @@ class Card:
     axes: str
     symmetry: str
     mean_diagonal: float
-    pose_weight: float = 0.1
+    pose_weight: float = 2.0
     training: dict[str, Any] = field(default_factory=dict)
     accuracy: dict[str, Any] = field(default_factory=dict)
     calibration: dict[str, Calibration] = field(default_factory=dict)

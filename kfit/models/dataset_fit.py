@@ -51,8 +51,8 @@ class DatasetFit(LightningModule):
         self,
         out: Path = Path("results"),
         models: dict[str, Path] | None = None,
-        num_starts: int = 8,
-        num_steps: int = 24,
+        num_starts: int = 4,
+        num_steps: int = 16,
         depth: bool = False,
         seed: int = 0,
     ) -> None:

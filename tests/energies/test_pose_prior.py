@@ -1,4 +1,4 @@
-"""A prior on poses read off the picture: a smoothed histogram's negative logarithm, floored, in a fit of its own."""
+"""A prior on poses read off the picture: how far a pose is from what a head says, floored, in a fit of its own."""
 
 import math
 
@@ -8,6 +8,7 @@ import torch
 from kfit import FitPipeline
 from kfit.core import Generator, Observation, PoseNetwork, Rendering, Variable
 from kfit.energies import L2, PosePrior
+from kfit.geometry import log_shares
 from kfit.initializers import Constant
 from kfit.optimizers import Adam
 
@@ -52,7 +53,29 @@ def test_it_is_least_at_a_peak_and_rises_from_it_to_the_floor_the_short_way_arou
 def test_where_all_poses_are_alike_it_is_flat():
     prior = PosePrior(Says(torch.ones(36, 9)))
     found = energy(prior, torch.linspace(-3, 3, 7), torch.full((7,), 0.7))
-    torch.testing.assert_close(found, found[:1].expand(7))
+    torch.testing.assert_close(found, found[:1].expand(7), rtol=0, atol=5e-3)  # for bins are few
+
+
+@pytest.mark.parametrize("degrees", [-4.0, 1.0, 43.0, 79.0, 84.0])
+def test_a_head_that_is_sure_of_a_pose_is_believed_up_to_the_edges_of_its_range(degrees):
+    head, true = Says(torch.ones(36, 9)), torch.tensor([0.3, math.radians(degrees)])
+    turned, tipped = log_shares(*true[:, None], head.azimuths, head.elevations, head.spread)
+    prior = PosePrior(Says((turned[0, :, None] + tipped[0]).exp()))
+    tried = true[1] + torch.deg2rad(torch.linspace(-20, 20, 81))
+    found = energy(prior, true[:1].expand(81), tried)
+    assert found.argmin() == 40
+    assert found[40] == pytest.approx(0, abs=1e-5)
+
+
+def test_near_a_sure_pose_it_is_the_angle_squared_by_four_times_the_spread_squared():
+    head = Says(torch.ones(36, 9))
+    at = torch.tensor([0.3]), torch.tensor([0.7])
+    turned, tipped = log_shares(*at, head.azimuths, head.elevations, head.spread)
+    prior = PosePrior(Says((turned[0, :, None] + tipped[0]).exp()), floor=1e-6)
+    away = math.radians(5)
+    expected = away**2 / (4 * head.spread**2)
+    assert energy(prior, at[0] + away, at[1]).item() == pytest.approx(expected, rel=0.02)
+    assert energy(prior, at[0], at[1] + away).item() == pytest.approx(expected, rel=0.02)
 
 
 def test_where_azimuth_is_free_elevation_alone_counts():
