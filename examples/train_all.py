@@ -40,7 +40,11 @@ def main(folder, *words):
         model = Path(folder) / f"{category}.safetensors"
         if not model.is_file():
             generator, head = (trained(part, category, Path(folder), words[split:]) for part in PARTS)
-            kfit("pack", generator, "--pose-head", head, "--out", model)
+            said = "; ".join(
+                f"lightning fit -c recipes/{name} " + " ".join(["--data.category", category, *words[split:]])
+                for name in PARTS.values()
+            )
+            kfit("pack", generator, "--pose-head", head, "--out", model, "--command", said)
 
 
 if __name__ == "__main__":
