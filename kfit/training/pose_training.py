@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import math
 
 import torch
 from torch import Tensor
@@ -29,6 +30,8 @@ class PoseTraining(Training):
         jitter: how views are turned, shifted and scaled; None shows them as they are.
         recolor: how their colours are changed; None leaves them.
         photograph: how they are made to look like cut-outs of photos; None leaves them clean.
+        mirror: show half of them left for right, as views from azimuth π − α. Objects of NOCS's categories look much
+            the same in a mirror that holds their x and y axes, so that twice as many seem to have been seen.
         compile: compile the head (`torch.compile`). Without a C++ compiler training goes on uncompiled.
 
     Raises:
@@ -43,12 +46,14 @@ class PoseTraining(Training):
         jitter: Jitter | None = None,
         recolor: Recolor | None = None,
         photograph: Photograph | None = None,
+        mirror: bool = False,
         compile: bool = False,
     ) -> None:
         super().__init__()
         self.remember(inspect.currentframe())
         self.pose_head, self.rate, self.weight_decay = pose_head, rate, weight_decay
-        self.jitter, self.recolor, self.photograph, self.compiles = jitter, recolor, photograph, compile
+        self.jitter, self.recolor, self.photograph = jitter, recolor, photograph
+        self.mirror, self.compiles = mirror, compile
 
     def on_fit_start(self) -> None:
         if self.compiles:
@@ -66,6 +71,10 @@ class PoseTraining(Training):
                 image = self.photograph(image, torch.cat([batch["source_mask"], batch["target_mask"]]))
             image = image if self.recolor is None else self.recolor(image)
             image = image if self.jitter is None else self.jitter(image)
+            if self.mirror:
+                turned = torch.rand_like(azimuth) < 0.5
+                image = torch.where(turned.view(-1, 1, 1, 1), image.flip(3), image)
+                azimuth = torch.where(turned, math.pi - azimuth, azimuth)
         loss = self.pose_head.divergence(self(image), azimuth, elevation).mean()
         self.log("train/pose", loss.detach(), prog_bar=True)
         return loss

@@ -32,7 +32,9 @@ def test_training_all_goes_on_where_it_was_stopped_and_packs_each_model_once(tmp
     for _ in range(2):
         done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
         assert done.returncode == 0, done.stderr
-        assert load(str(model)).pose_head is not None
+        packed = load(str(model))
+        assert packed.pose_head is not None
+        assert packed.card.training["command"].count(f"--data.category can {words}") == 2
         checkpoints = list(tmp_path.glob("runs/can/*/lightning_logs/version_*/checkpoints/last.ckpt"))
         model.unlink()  # as if it had been stopped before packing
     assert {path.parts[-5] for path in checkpoints} == {"generator", "pose_head"}

@@ -1,14 +1,18 @@
 """Teaching a pose head: all views are shown, disturbed in training alone, and a few steps of it lessen the loss."""
 
+import math
+
 import pytest
 import torch
 from lightning.pytorch import Trainer
 from torch.utils.data import DataLoader
 
 from kfit.generators import PoseHead
+from kfit.geometry import rotation_from_angles
 from kfit.training import PoseTraining, Recolor
 
 SIDE = 16
+ANGLES = ("source_azimuth", "source_elevation", "azimuth", "elevation")
 quiet = pytest.mark.filterwarnings(
     "ignore:.*does not have many workers", r"ignore:`isinstance\(treespec, LeafSpec\)` is deprecated:FutureWarning"
 )
@@ -22,8 +26,7 @@ def build(**changes):
 def batch(rows=4, seed=0):
     rng = torch.Generator().manual_seed(seed)
     views = {name: torch.rand(rows, 3, SIDE, SIDE, generator=rng) for name in ("source", "target")}
-    angles = ("source_azimuth", "source_elevation", "azimuth", "elevation")
-    return views | {name: torch.rand(rows, generator=rng) for name in angles}
+    return views | {name: torch.rand(rows, generator=rng) for name in ANGLES}
 
 
 def distance(module, given):
@@ -65,6 +68,33 @@ def test_views_are_recoloured_then_turned_in_training_alone(logged):
     torch.testing.assert_close(seen[1], shown)
 
 
+def test_half_of_the_views_are_mirrored_with_their_azimuths(logged, monkeypatch):
+    seen = []
+    module, given = build(mirror=True).eval(), batch(rows=64)
+
+    def divergence(said, azimuth, elevation):
+        seen.append((azimuth, elevation))
+        return said.sum((1, 2))
+
+    monkeypatch.setattr(module.pose_head, "divergence", divergence)
+    module.pose_head.register_forward_pre_hook(lambda _, inputs: seen.append(inputs[0]))
+    with torch.no_grad():
+        module.training_step(given, 0)
+    image, (azimuth, elevation) = seen
+    shown, told = (torch.cat([given[one], given[other]]) for one, other in (("source", "target"), ANGLES[::2]))
+    mirrored = (image == shown.flip(3)).flatten(1).all(1)
+    assert 40 < int(mirrored.sum()) < 88
+    torch.testing.assert_close(image[~mirrored], shown[~mirrored])
+    torch.testing.assert_close(azimuth, torch.where(mirrored, torch.pi - told, told))
+    torch.testing.assert_close(elevation, torch.cat([given[name] for name in ANGLES[1::2]]))
+
+
+def test_a_view_in_a_mirror_is_the_mirrored_object_from_the_mirrored_side():
+    # A handle at +x is seen at the right from α, at the left from π − α, as far from the middle.
+    across = rotation_from_angles(torch.tensor([0.4, math.pi - 0.4]), torch.full((2,), 0.3), torch.zeros(2))[:, :, 0]
+    torch.testing.assert_close(across[0] * torch.tensor([-1.0, 1.0, 1.0]), across[1])
+
+
 def test_views_are_photographed_by_their_own_masks_first(logged):
     seen = []
     module = build(photograph=lambda image, mask: image * mask, recolor=lambda image: image / 2).eval()
@@ -93,7 +123,7 @@ def test_some_steps_lessen_the_loss_and_the_checkpoint_holds_plain_data_alone(tm
     trainer.save_checkpoint(tmp_path / "all.ckpt")
     saved = torch.load(tmp_path / "all.ckpt", weights_only=True)
     assert dict(saved["hyper_parameters"]) == {
-        "rate": 0.01, "weight_decay": 1e-3, "jitter": None, "recolor": None, "photograph": None,
+        "rate": 0.01, "weight_decay": 1e-3, "jitter": None, "recolor": None, "photograph": None, "mirror": False,
         "compile": False,
     }  # fmt: skip
 
