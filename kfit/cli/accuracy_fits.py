@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -13,6 +13,7 @@ from torch import from_numpy
 
 from kfit.models import CategoryModel, PoseResult
 from kfit.models.accuracy import UnseenViews, answer_to, measure, unseen_views
+from kfit.models.card import KINDS
 from kfit.models.nocs_accuracy import draws_depth, fit_known, known_objects
 from kfit.models.scans import find_scans, scan_views
 from kfit.pipeline import FitPipeline
@@ -87,22 +88,22 @@ class AccuracyFits:
             self._keep(sheet, entries, len(done.rotation_deg))
         return done.figures()
 
-    def objects(self) -> list[dict[str, Any]]:
+    def objects(self, ways: Sequence[str] = KINDS) -> list[dict[str, Any]]:
         """Errors of each object of the categories in NOCS's frames, from colour alone and with depth."""
         things = list(known_objects(self.said.nocs, self.models))
-        task = self.bar.add_task("NOCS's frames", total=2 * len(things))
+        task = self.bar.add_task("NOCS's frames", total=len(ways) * len(things))
         found: list[dict[str, Any]] = []
         shown: dict[str, list[tuple[float, SheetEntry]]] = {}
         for category, model in self.models.items():
             mine = [thing for thing in things if thing.thing.category == category]
             pipelines = {
                 way: self.pipeline(model, depth)
-                for way, depth in (("RGB", False), ("RGB-D", True))
-                if mine and (not depth or draws_depth(model))
+                for way, depth in zip(KINDS, (False, True), strict=True)
+                if mine and way in ways and (not depth or draws_depth(model))
             }
             for known in mine:
                 row: dict[str, Any] = {"name": known.name, "split": known.split, "category": category}
-                row |= {"RGB": None, "RGB-D": None}
+                row |= dict.fromkeys(KINDS)
                 for way, pipeline in pipelines.items():
                     fit = fit_known(model, known, pipeline, way == "RGB-D")
                     row[way] = None if fit is None else {"rotation_deg": fit[1], "translation_cm": fit[2]}

@@ -140,7 +140,7 @@ def _measured(
     return {
         "procedural": fits.procedural() if said.views else {},
         "scans": fits.scans() if said.meshes else {},
-        "objects": fits.objects() if said.nocs else [],
+        "objects": fits.objects(("RGB",)) if said.nocs else [],
     }
 
 
