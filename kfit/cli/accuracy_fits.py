@@ -37,6 +37,7 @@ class AccuracyFits:
         depth: fit the views' depth too.
         shown: whether sheets are wanted.
         sheets: pictures by file name.
+        views: of categories and scans, by name, once they were drawn.
     """
 
     models: dict[str, CategoryModel]
@@ -46,14 +47,16 @@ class AccuracyFits:
     depth: bool = False
     shown: bool = False
     sheets: dict[str, Picture] = field(default_factory=dict)
+    views: dict[str, UnseenViews] = field(default_factory=dict)
 
     def procedural(self) -> Figures:
         """Figures of each category on objects that kfit draws."""
         found: Figures = {}
         for category, model in self.models.items():
             task = self.bar.add_task(f"{category}, procedural", total=self.said.views)
-            views = unseen_views(model, self.said.views, self.said.seed)
-            found[category] = self._measured(model, views, task, f"{category} procedural")
+            if category not in self.views:
+                self.views[category] = unseen_views(model, self.said.views, self.said.seed)
+            found[category] = self._measured(model, self.views[category], task, f"{category} procedural")
         return found
 
     def scans(self) -> Figures:
@@ -68,8 +71,9 @@ class AccuracyFits:
                 continue
             name = f"{scan.category}: {scan.name}"
             task = self.bar.add_task(name, total=self.said.scan_views)
-            views = scan_views(model, scan, self.said.scan_views, self.said.seed)
-            found[name] = self._measured(model, views, task, f"{scan.category} scan {scan.name}")
+            if name not in self.views:
+                self.views[name] = scan_views(model, scan, self.said.scan_views, self.said.seed)
+            found[name] = self._measured(model, self.views[name], task, f"{scan.category} scan {scan.name}")
         return found
 
     def _measured(self, model: CategoryModel, views: UnseenViews, task: Any, sheet: str) -> dict[str, Any]:

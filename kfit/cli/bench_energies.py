@@ -17,6 +17,7 @@ from kfit.cli.bench_accuracy import add_sources, command, models_of, write_text
 if TYPE_CHECKING:
     from kfit.core import Energy
     from kfit.models import CategoryModel
+    from kfit.models.accuracy import UnseenViews
     from kfit.pipeline import FitPipeline
 
 Mix = dict[str, "tuple[Energy, float]"]
@@ -113,9 +114,10 @@ def run(said: Namespace) -> None:
         print("VGG16's energies and LPIPS are left out; say --vgg16 FILE for them", file=sys.stderr)
     console = Console(stderr=True)
     with Progress(console=console, disable=not console.is_terminal) as bar:
+        views: dict[str, UnseenViews] = {}
         for name, make in compared.items():
             if name not in found:
-                found[name] = _measured(said, models, bar, make)
+                found[name] = _measured(said, models, bar, make, views)
             if said.out:
                 told = {"asked": asked, "found": found}
                 write_whole(Path(said.out), {FILE: partial(write_text, text=json.dumps(told, indent=2) + "\n")})
@@ -129,14 +131,18 @@ def run(said: Namespace) -> None:
 
 
 def _measured(
-    said: Namespace, models: dict[str, CategoryModel], bar: Any, make: Callable[[CategoryModel], Mix]
+    said: Namespace,
+    models: dict[str, CategoryModel],
+    bar: Any,
+    make: Callable[[CategoryModel], Mix],
+    views: dict[str, UnseenViews],
 ) -> dict[str, Any]:
     from kfit.cli.accuracy_fits import AccuracyFits
 
     def pipeline(model: CategoryModel, depth: bool) -> FitPipeline:
         return model.pipeline(said.starts, said.steps, depth=depth, energies=make(model))
 
-    fits = AccuracyFits(models, bar, pipeline, said)
+    fits = AccuracyFits(models, bar, pipeline, said, views=views)
     return {
         "procedural": fits.procedural() if said.views else {},
         "scans": fits.scans() if said.meshes else {},
