@@ -93,7 +93,7 @@ class AccuracyFits:
         return done.figures()
 
     def objects(self, ways: Sequence[str] = KINDS) -> list[dict[str, Any]]:
-        """Errors of each object of the categories in NOCS's frames, from colour alone and with depth."""
+        """Errors of each object of the categories in NOCS's frames, fitted in these ways; None where it was not."""
         things = list(known_objects(self.said.nocs, self.models))
         task = self.bar.add_task("NOCS's frames", total=len(ways) * len(things))
         found: list[dict[str, Any]] = []
@@ -101,9 +101,9 @@ class AccuracyFits:
         for category, model in self.models.items():
             mine = [thing for thing in things if thing.thing.category == category]
             pipelines = {
-                way: self.pipeline(model, depth)
-                for way, depth in zip(KINDS, (False, True), strict=True)
-                if mine and way in ways and (not depth or draws_depth(model))
+                way: self.pipeline(model, way == "RGB-D")
+                for way in ways
+                if mine and (way == "RGB" or draws_depth(model))
             }
             for known in mine:
                 row: dict[str, Any] = {"name": known.name, "split": known.split, "category": category}

@@ -32,7 +32,7 @@ def parser() -> ArgumentParser:
         epilog="example:  kfit bench accuracy --meshes [scans,bottle=scans/shampoo@-y] --nocs nocs --out accuracy",
     )
     add_sources(parser, 100)
-    parser.add_argument("--starts", type=int, default=4, help="starts a view, the best of four times as many")
+    parser.add_argument("--starts", type=int, default=4, help="starts a view, best of 4 times as many; 16 if headless")
     parser.add_argument("--steps", type=int, default=16, help="steps of the optimizer")
     parser.add_argument("--depth", action="store_true", help="fit the views' depth too, as `kfit pose --depth` does")
     parser.add_argument("--prune", type=bool, default=True, help="drop unlikely starts on the way, as `kfit pose` does")

@@ -34,7 +34,7 @@ def parser() -> ArgumentParser:
         epilog="example:  kfit bench energies --categories [laptop,mug] --nocs nocs --vgg16 vgg16.pth --out energies",
     )
     add_sources(parser, 50)
-    parser.add_argument("--starts", type=int, default=4, help="starts a view, the best of four times as many")
+    parser.add_argument("--starts", type=int, default=4, help="starts a view, best of 4 times as many; 16 if headless")
     parser.add_argument("--steps", type=int, default=16, help="steps of the optimizer")
     parser.add_argument(
         "--vgg16",

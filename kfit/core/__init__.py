@@ -6,7 +6,6 @@ from kfit.core.contracts import (
     Encoder,
     Energy,
     Evaluate,
-    Evaluation,
     Generator,
     Initializer,
     Optimizer,
@@ -18,7 +17,7 @@ from kfit.core.contracts import (
     Selector,
 )
 from kfit.core.frozen import frozen
-from kfit.core.state import FitResult, FitState, History, Observation, Rendering
+from kfit.core.state import Evaluation, FitResult, FitState, History, Observation, Rendering
 from kfit.core.variables import Angle, Bounded, Positive, Real, Space, Variable, Variables
 
 __all__ = [

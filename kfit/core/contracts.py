@@ -11,13 +11,12 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, Literal, Protocol, TypeAlias
 
 import torch
 from torch import Tensor, nn
 
-from kfit.core.state import FitResult, FitState, Observation, Rendering
+from kfit.core.state import Evaluation, FitResult, FitState, Observation, Rendering
 from kfit.core.variables import Variable, Variables
 
 Need = Literal["value", "gradient", "residuals"]
@@ -170,29 +169,6 @@ class Initializer(ABC):
             num_starts: S.
             rngs: one generator of random numbers (on the CPU) a problem.
         """
-
-
-@dataclass
-class Evaluation:
-    """Energies of rows, and what else was asked for.
-
-    Attributes:
-        energy: (N,) weighted sum that is descended.
-        ranking: (N,) weighted sum by which starts are ranked.
-        terms: (N,) each, unweighted.
-        values: what the generator saw, (N, \\*shape) each.
-        gradient: of the sum of ``energy`` over rows with respect to raw variables, if asked for.
-        residuals: (N, M) whose squares sum to ``energy``, if asked for.
-        rendering: what was drawn, N pictures.
-    """
-
-    energy: Tensor
-    ranking: Tensor
-    terms: dict[str, Tensor]
-    values: Variables
-    gradient: Variables | None = None
-    residuals: Tensor | None = None
-    rendering: Rendering | None = None
 
 
 class Evaluate(Protocol):

@@ -98,6 +98,29 @@ class Rendering(_Fields):
 
 
 @dataclass
+class Evaluation:
+    """Energies of rows, and what else was asked for.
+
+    Attributes:
+        energy: (N,) weighted sum that is descended.
+        ranking: (N,) weighted sum by which starts are ranked.
+        terms: (N,) each, unweighted.
+        values: what the generator saw, (N, \\*shape) each.
+        gradient: of the sum of ``energy`` over rows with respect to raw variables, if asked for.
+        residuals: (N, M) whose squares sum to ``energy``, if asked for.
+        rendering: what was drawn, N pictures.
+    """
+
+    energy: Tensor
+    ranking: Tensor
+    terms: dict[str, Tensor]
+    values: Variables
+    gradient: Variables | None = None
+    residuals: Tensor | None = None
+    rendering: Rendering | None = None
+
+
+@dataclass
 class FitState:
     """Where a fit stands: N rows, each one start of one problem.
 
