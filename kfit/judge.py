@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import AbstractContextManager, nullcontext
 from typing import Any
 
 import torch
@@ -31,7 +32,8 @@ CHUNK_PIXELS_ELSEWHERE = 512 * 64 * 64
 class Judge:
     """The `kfit.core.Evaluate` of one fit: draws rows, compares them with targets whose features it holds.
 
-    Rows are drawn in chunks, so that memory does not grow with their number; no row's answer depends on others.
+    Rows are drawn in chunks, so that memory does not grow with their number; no row's answer depends on others. Under
+    ``torch.autocast`` the generator draws in its precision, and of the terms those compare in it that say they can.
 
     Args:
         generator: frozen.
@@ -55,12 +57,15 @@ class Judge:
         self.spaces = {name: variable.space for name, variable in generator.variables.items()}
         self.weights: dict[str, float] = {}
         self.num_evaluations = 0
-        self.prepared = {
-            name: term.prepare(observation.handed(term.on), observation.weight)
-            if isinstance(term, Energy)
-            else term.prepare(observation)
-            for name, term in self.terms.items()
-        }
+        self.device = observation.image.device.type
+        self.prepared: dict[str, Any] = {}
+        for name, term in self.terms.items():
+            with self._precision(term):
+                self.prepared[name] = (
+                    term.prepare(observation.handed(term.on), observation.weight)
+                    if isinstance(term, Energy)
+                    else term.prepare(observation)
+                )
         self._rows: tuple[Tensor, list[Any]] | None = None
         height, width = observation.image.shape[-2:]
         pixels = CHUNK_PIXELS.get(observation.image.device.type, CHUNK_PIXELS_ELSEWHERE)
@@ -88,7 +93,7 @@ class Judge:
         with torch.set_grad_enabled(wants):
             leaves = {name: tensor.detach().requires_grad_(wants) for name, tensor in raw.items()}
             values = {name: self.spaces[name].to_value(leaf) for name, leaf in leaves.items()}
-            rendering: Rendering = self.generator(**values)
+            rendering: Rendering = self.generator(**values).map(_at_least_single)
             for name, term in self.terms.items():
                 weight = self.weights[name]
                 if not weight and not self.rank_weights.get(name):
@@ -96,11 +101,13 @@ class Judge:
                 handed = self._values(term, values) if isinstance(term, Prior) else rendering.handed(term.on)
                 given = (handed,) if prepared[name] is None else (handed, prepared[name])
                 if need == "residuals" and weight:
-                    parts = self._residuals(name, given)
+                    with self._precision(term):
+                        parts = self._residuals(name, given)
                     residuals.append(weight**0.5 * parts)
                     terms[name] = parts.square().sum(1)
                     continue
-                with torch.set_grad_enabled(wants and bool(weight)):  # what only ranks has no slope
+                # What only ranks has no slope.
+                with torch.set_grad_enabled(wants and bool(weight)), self._precision(term):
                     terms[name] = term(*given) if isinstance(term, Prior) else term.compare(*given)
             energy = torch.stack([self.weights[name] * term for name, term in terms.items()]).sum(0)
             gradient = self._gradient(energy, leaves) if wants else None
@@ -116,6 +123,11 @@ class Judge:
             residuals=torch.cat(residuals, 1) if residuals else None,
             rendering=rendering.map(Tensor.detach),
         )
+
+    def _precision(self, term: Energy | Prior) -> AbstractContextManager[Any]:
+        """The precision around, for a term that can compare in it; else single."""
+        mixed = isinstance(term, Energy) and term.mixed
+        return nullcontext() if mixed else torch.autocast(self.device, enabled=False)
 
     @staticmethod
     def _values(prior: Prior, values: Variables) -> Any:
@@ -154,6 +166,10 @@ class Judge:
 
     def _targets(self, problem: Tensor) -> Any:
         return pytree.tree_map_only(Tensor, lambda tensor: tensor.index_select(0, problem), self.prepared)
+
+
+def _at_least_single(tensor: Tensor) -> Tensor:
+    return tensor.to(torch.promote_types(tensor.dtype, torch.float32))
 
 
 def _joined(chunks: list[Any]) -> Any:

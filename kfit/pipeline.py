@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from itertools import chain
 from typing import Any
 
 import torch
@@ -12,7 +14,6 @@ from kfit.core import (
     Callback,
     Energy,
     Evaluation,
-    FitError,
     FitResult,
     FitState,
     Generator,
@@ -29,6 +30,8 @@ from kfit.core.check import check_names
 from kfit.core.recorder import Recorder
 from kfit.core.rows import best_first
 from kfit.core.seeds import mixed_seed
+from kfit.devices import compile_networks
+from kfit.features import FeatureNetwork
 from kfit.judge import Judge
 from kfit.proposals import propose
 from kfit.selectors import LowestEnergy
@@ -119,6 +122,23 @@ class FitPipeline(nn.Module):
         """Stays in evaluation mode, also as a part of a module in training: its networks are frozen."""
         return super().train(False)
 
+    def compile(self, **kwargs: Any) -> None:  # type: ignore[override]
+        """Have the generator and the energies' feature networks compiled (`torch.compile`) when they are first used.
+
+        That takes up to a minute for each number of rows, is kept on the disk by PyTorch, and pays in long runs on a
+        GPU. Without a C++ compiler fits go on uncompiled.
+
+        Args:
+            kwargs: as `torch.compile` takes them.
+        """
+        networks = (module for module in self.energies.modules() if isinstance(module, FeatureNetwork))
+        compile_networks(self.generator, *networks, **kwargs)
+
+    @property
+    def device(self) -> torch.device:
+        """Where its networks compute."""
+        return next(chain(self.parameters(), self.buffers(), [torch.empty(0)])).device
+
     def _weights_at(self, step: int) -> dict[str, float]:
         return {k: w(step, self.num_steps) if isinstance(w, Schedule) else w for k, w in self.weights.items()}
 
@@ -147,7 +167,8 @@ class FitPipeline(nn.Module):
         terms: dict[str, Energy | Prior] = dict(self.energies.items())  # type: ignore[arg-type]
         rank_weights = self.rank_weights or self._weights_at(self.num_steps)
         judge = Judge(self.generator, terms, rank_weights, observation)
-        proposed = propose(self.initializers, self.generator.variables, observation, self.num_candidates, seed)
+        with torch.autocast(device.type, enabled=False):  # starts are rounded to nothing
+            proposed = propose(self.initializers, self.generator.variables, observation, self.num_candidates, seed)
         raw = self._likeliest(judge, proposed)
         nothing = raw[next(iter(raw))].new_full((len(problem),), torch.inf)
         memory = self.optimizer.init(raw, self._seeds(observation, seed))
@@ -167,8 +188,8 @@ class FitPipeline(nn.Module):
             for callback in self.callbacks:
                 state = callback.on_step(state)
             if len(state.problem) == 0:
-                raise FitError(f"every start of every problem became NaN or infinite by step {step} of the fit")
-        result = self._select(state, recorder, judge.num_evaluations)
+                break
+        result = recorder.result(state, self.selector, judge.num_evaluations)
         for callback in self.callbacks:
             callback.on_end(result)
         return result
@@ -198,11 +219,9 @@ class FitPipeline(nn.Module):
         broken = ~torch.isfinite(seen.energy)
         for value in new.values():
             broken |= ~torch.isfinite(value).flatten(1).all(1) if value.dim() > 1 else ~torch.isfinite(value)
-        return FitState(
+        return replace(
+            state,
             step=step,
-            num_steps=self.num_steps,
-            problem=state.problem,
-            start=state.start,
             raw=new,
             values=seen.values,
             energy=torch.where(broken, torch.nan, seen.energy),
@@ -210,29 +229,6 @@ class FitPipeline(nn.Module):
             best_energy=torch.where(better, seen.ranking, state.best_energy),
             best_values=best,
             optimizer=memory,
-        )
-
-    def _select(self, state: FitState, recorder: Recorder, num_evaluations: int) -> FitResult:
-        count = recorder.num_problems
-        alive, compact = state.problem.unique(return_inverse=True)
-        winner = self.selector(state.best_energy, state.best_values, compact)
-
-        def scatter(rows: Tensor, fill: float) -> Tensor:
-            whole = rows.new_full((count, *rows.shape[1:]), fill)
-            whole[alive] = rows[winner]
-            return whole
-
-        return FitResult(
-            values={name: scatter(value, torch.nan) for name, value in state.best_values.items()},
-            energy=scatter(state.best_energy, torch.nan),
-            start=scatter(state.start, -1),
-            all_problem=state.problem,
-            all_start=state.start,
-            all_energy=state.best_energy,
-            all_values=state.best_values,
-            history=recorder.history(),
-            dropped=recorder.dropped,
-            num_evaluations=num_evaluations,
         )
 
 

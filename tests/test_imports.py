@@ -15,7 +15,7 @@ PARTS = {
     "metrics", "data", "segmentation", "schedules",
 }  # fmt: skip
 BELOW_PARTS = {"core", "geometry"}
-BELOW_MODELS = BELOW_PARTS | PARTS | {"baselines", "judge", "pipeline", "training"}
+BELOW_MODELS = BELOW_PARTS | PARTS | {"baselines", "devices", "judge", "pipeline", "training"}
 # What each room may import of the others.
 ALLOWED = {
     "core": set(),
@@ -25,10 +25,11 @@ ALLOWED = {
     "generators": BELOW_PARTS | {"features"},  # the encoders beside them
     # Whole methods, not parts of one: they share VGG16 with the features and NOCS's alignment with the data's readers.
     "baselines": BELOW_PARTS | {"features", "data"},
+    "devices": set(),
     "judge": BELOW_PARTS,
     "proposals": BELOW_PARTS,
-    "pipeline": BELOW_PARTS | PARTS | {"judge", "proposals"},
-    "training": BELOW_PARTS | PARTS | {"baselines", "pipeline"},
+    "pipeline": BELOW_PARTS | PARTS | {"devices", "judge", "proposals"},
+    "training": BELOW_PARTS | PARTS | {"baselines", "devices", "pipeline"},
     "models": BELOW_MODELS,
     "reports": BELOW_MODELS,
     "cli": BELOW_MODELS | {"models", "reports"},

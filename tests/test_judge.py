@@ -129,3 +129,24 @@ def test_a_chunk_holds_fewer_pictures_the_larger_they_are():
         return Judge(Template(picture[0], "similarity"), {"l2": L2()}, {"l2": 1.0}, Observation(picture)).chunk
 
     assert [chunk(64), chunk(128), chunk(1024)] == [16, 4, 1]
+
+
+class Mixed(Energy):
+    """Whether it was compared under autocast, and the precision of what it was handed."""
+
+    def __init__(self, mixed):
+        super().__init__()
+        self.mixed, self.seen = mixed, []
+
+    def compare(self, prediction, prepared):
+        self.seen.append((torch.is_autocast_enabled("cpu"), prediction.dtype))
+        return (prediction - prepared["target"]).square().mean((1, 2, 3))
+
+
+def test_under_autocast_only_energies_that_say_so_compare_in_it():
+    plain, mixed = Mixed(False), Mixed(True)
+    told = judge({"plain": plain, "mixed": mixed}, {"plain": 1.0, "mixed": 1.0})
+    with torch.autocast("cpu", torch.bfloat16):
+        told(RAW, PROBLEM, "gradient")
+    assert plain.seen == [(False, torch.float32)]
+    assert mixed.seen == [(True, torch.float32)]

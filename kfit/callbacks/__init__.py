@@ -2,5 +2,6 @@
 
 from kfit.callbacks.progress import Progress
 from kfit.callbacks.pruning import Pruning
+from kfit.callbacks.stopping import Stopping
 
-__all__ = ["Progress", "Pruning"]
+__all__ = ["Progress", "Pruning", "Stopping"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from jsonargparse import ArgumentParser, Namespace
 
-from kfit.cli import bench_accuracy, bench_energies, bench_optimizers, bench_paper, bench_registration
+from kfit.cli import bench_accuracy, bench_energies, bench_optimizers, bench_paper, bench_registration, bench_speed
 
 BENCHMARKS = {
     "accuracy": bench_accuracy,
@@ -12,6 +12,7 @@ BENCHMARKS = {
     "optimizers": bench_optimizers,
     "registration": bench_registration,
     "paper": bench_paper,
+    "speed": bench_speed,
 }
 
 

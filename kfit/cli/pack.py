@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from jsonargparse import ArgumentParser, Namespace
+
+if TYPE_CHECKING:
+    from torch import nn
 
 
 def parser() -> ArgumentParser:
@@ -17,7 +20,12 @@ def parser() -> ArgumentParser:
         " --pose-head lightning_logs/version_1/checkpoints/last.ckpt",
     )
     parser.add_argument("checkpoint", type=str, help="a .ckpt file of kfit.training.ConditionalVAE")
-    parser.add_argument("--pose-head", type=str, default=None, help="a .ckpt file of kfit.training.PoseTraining")
+    parser.add_argument(
+        "--pose-head",
+        type=str,
+        default=None,
+        help="a .ckpt file of kfit.training.PoseTraining, or a model's .safetensors file, whose head is taken",
+    )
     parser.add_argument("--pose-weight", type=float, default=2.0, help="how much a fit heeds the pose head")
     parser.add_argument("--out", type=str, required=True, help="file to write, ending in .safetensors")
     parser.add_argument("--command", type=str, default=None, help="the training command, for the card")
@@ -43,14 +51,10 @@ def run(said: Namespace) -> None:
     named = {name: model[name] for name in networks}
     also: dict[str, object] = {}
     if said.pose_head is not None:
-        head, learned = read_checkpoint(Path(said.pose_head), ("pose_head",))
-        if _told(learned)["category"] != category.name:
-            raise ValueError(
-                f"--pose-head is of category {_told(learned)['category']}, the checkpoint of {category.name}"
-            )
-        networks |= head
-        named["pose_head"] = learned["hyper_parameters"]["pose_head"]
-        also = {"pose_head": {"data": _told(learned), "steps": int(learned["global_step"])}}
+        networks["pose_head"], named["pose_head"], of, trained = _head(Path(said.pose_head))
+        if of != category.name:
+            raise ValueError(f"--pose-head is of category {of}, the checkpoint of {category.name}")
+        also = {"pose_head": trained}
     card = Card(
         category=category.name,
         networks=named,
@@ -74,6 +78,21 @@ def run(said: Namespace) -> None:
     )
     write_model(out, networks, card)
     print(f"wrote {out} and {out.with_suffix('.json').name}", file=sys.stderr)
+
+
+def _head(path: Path) -> tuple[nn.Module, dict[str, Any], str, Any]:
+    """The pose head of a checkpoint or of a model: network, its name in cards, category and training."""
+    from kfit.models import read_checkpoint, read_model
+
+    if path.suffix == ".safetensors":
+        networks, card = read_model(path)
+        if "pose_head" not in networks:
+            raise ValueError(f"--pose-head: the model {path} has none")
+        return networks["pose_head"], card.networks["pose_head"], card.category, card.training.get("pose_head")
+    found, learned = read_checkpoint(path, ("pose_head",))
+    told = _told(learned)
+    trained = {"data": told, "steps": int(learned["global_step"])}
+    return found["pose_head"], learned["hyper_parameters"]["pose_head"], told["category"], trained
 
 
 def _told(saved: dict[str, Any]) -> dict[str, Any]:

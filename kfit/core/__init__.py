@@ -17,7 +17,8 @@ from kfit.core.contracts import (
     Selector,
 )
 from kfit.core.frozen import frozen
-from kfit.core.state import Evaluation, FitResult, FitState, History, Observation, Rendering
+from kfit.core.result import FitResult, History
+from kfit.core.state import Evaluation, FitState, Observation, Rendering
 from kfit.core.variables import Angle, Bounded, Positive, Real, Space, Variable, Variables
 
 __all__ = [

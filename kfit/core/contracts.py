@@ -16,7 +16,8 @@ from typing import Any, Literal, Protocol, TypeAlias
 import torch
 from torch import Tensor, nn
 
-from kfit.core.state import Evaluation, FitResult, FitState, Observation, Rendering
+from kfit.core.result import FitResult
+from kfit.core.state import Evaluation, FitState, Observation, Rendering
 from kfit.core.variables import Variable, Variables
 
 Need = Literal["value", "gradient", "residuals"]
@@ -82,9 +83,12 @@ class Energy(nn.Module, ABC):
 
     Attributes:
         on: field(s) of rendering and observation that a pipeline hands it; a tuple hands dicts of tensors.
+        mixed: whether a fit under ``torch.autocast`` should compare under it too, as convolutions of many channels
+            gain by it. Others lose in half precision what they measure, and are kept out of it.
     """
 
     on: str | tuple[str, ...] = "image"
+    mixed: bool = False
 
     def prepare(self, target: Any, weight: Tensor | None = None) -> Any:
         """What of the target can be computed once a fit: a pytree of tensors that lead with rows.

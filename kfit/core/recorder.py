@@ -1,11 +1,14 @@
-"""Keeps what each start did at each step, and takes broken rows out."""
+"""Keeps what each start did at each step, takes broken rows out, and tells what was found."""
 
 from __future__ import annotations
 
 import torch
 from torch import Tensor
 
-from kfit.core.state import FitState, History
+from kfit.core.check import FitError
+from kfit.core.contracts import Selector
+from kfit.core.result import FitResult, History
+from kfit.core.state import FitState
 
 
 class Recorder:
@@ -33,6 +36,41 @@ class Recorder:
         lost = zip(state.problem[~fine].tolist(), state.start[~fine].tolist(), strict=True)
         self.dropped += [(problem, start, state.step) for problem, start in lost]
         return state.keep(fine)
+
+    def result(self, state: FitState, selector: Selector, num_evaluations: int) -> FitResult:
+        """What was found: the winners of the rows that are left and of those at rest, and the history.
+
+        Raises:
+            FitError: if there are none.
+        """
+        parts = [state, *state.resting]
+        problem, start = (torch.cat([getattr(part, name) for part in parts]) for name in ("problem", "start"))
+        if len(problem) == 0:
+            raise FitError(f"every start of every problem became NaN or infinite by step {state.step} of the fit")
+        order = (problem * self.num_starts + start).argsort()
+        problem, start = problem[order], start[order]
+        energy = torch.cat([part.best_energy for part in parts])[order]
+        values = {name: torch.cat([part.best_values[name] for part in parts])[order] for name in state.best_values}
+        alive, compact = problem.unique(return_inverse=True)
+        winner = selector(energy, values, compact)
+
+        def scatter(rows: Tensor, fill: float) -> Tensor:
+            whole = rows.new_full((self.num_problems, *rows.shape[1:]), fill)
+            whole[alive] = rows[winner]
+            return whole
+
+        return FitResult(
+            values={name: scatter(value, torch.nan) for name, value in values.items()},
+            energy=scatter(energy, torch.nan),
+            start=scatter(start, -1),
+            all_problem=problem,
+            all_start=start,
+            all_energy=energy,
+            all_values=values,
+            history=self.history(),
+            dropped=self.dropped,
+            num_evaluations=num_evaluations,
+        )
 
     def history(self) -> History:
         """Everything noted, as tensors (T, B, S, …) with NaN where a row was gone."""

@@ -1,4 +1,4 @@
-"""Plain values that a fit passes around: what was seen, what was drawn, where the fit stands, what it found."""
+"""Plain values that a fit passes around: what was seen, what was drawn, where the fit stands."""
 
 from __future__ import annotations
 
@@ -134,6 +134,8 @@ class FitState:
         terms: (N,) each, the unweighted energies by name.
         best_energy, best_values: least ranking energy so far of each row, and the values that reached it.
         optimizer: memory of the optimizer, a pytree whose tensors lead with rows.
+        notes: what callbacks remember of the rows, (N, …) each by a name of theirs; so they hold nothing themselves.
+        resting: rows that have stopped moving and still may win; see `rest`.
     """
 
     step: int
@@ -147,6 +149,8 @@ class FitState:
     best_energy: Tensor
     best_values: Variables
     optimizer: Any
+    notes: dict[str, Tensor] = field(default_factory=dict)
+    resting: tuple[FitState, ...] = ()
 
     def keep(self, index: Tensor) -> FitState:
         """The same state with the rows of ``index`` (long or boolean) only; start numbers survive."""
@@ -156,57 +160,8 @@ class FitState:
         kept = pytree.tree_map_only(Tensor, lambda tensor: tensor.index_select(0, index), held)
         return FitState(**kept)
 
-
-@dataclass
-class History:
-    """What each start did at each step; rows that left (pruned, dropped) hold NaN from then on.
-
-    Attributes:
-        energy: (T, B, S).
-        terms: (T, B, S) each, unweighted; NaN also at steps at which a term had no weight and was not computed.
-        values: (T, B, S, \\*shape) each.
-    """
-
-    energy: Tensor
-    terms: dict[str, Tensor]
-    values: Variables
-
-
-@dataclass
-class FitResult:
-    """What a fit found for B problems.
-
-    Attributes:
-        values: the winners, (B, \\*shape) each; NaN for a problem all of whose starts failed.
-        energy: (B,) their ranking energy.
-        start: (B,) the number of the start that won, −1 where all failed.
-        all_problem, all_start, all_energy, all_values: the surviving starts, R rows: the alternatives.
-        history: every start at every step.
-        dropped: (problem, start, step) of each row that became NaN or infinite.
-        num_evaluations: number of pictures that the generator drew.
-    """
-
-    values: Variables
-    energy: Tensor
-    start: Tensor
-    all_problem: Tensor
-    all_start: Tensor
-    all_energy: Tensor
-    all_values: Variables
-    history: History
-    dropped: list[tuple[int, int, int]] = field(default_factory=list)
-    num_evaluations: int = 0
-
-    def of(self, problem: int) -> FitResult:
-        """What was found for one problem alone; history, dropped rows and the number of pictures stay those of all."""
-        one, rows = slice(problem, problem + 1), self.all_problem == problem
-        return replace(
-            self,
-            values={name: value[one] for name, value in self.values.items()},
-            energy=self.energy[one],
-            start=self.start[one],
-            all_problem=torch.zeros_like(self.all_problem[rows]),
-            all_start=self.all_start[rows],
-            all_energy=self.all_energy[rows],
-            all_values={name: value[rows] for name, value in self.all_values.items()},
-        )
+    def rest(self, rows: Tensor) -> FitState:
+        """The state without these rows (N,), boolean, which cost nothing from now on and stay among the answers."""
+        if not bool(rows.any()):
+            return self
+        return replace(self.keep(~rows), resting=(*self.resting, replace(self.keep(rows), resting=())))

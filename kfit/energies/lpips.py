@@ -39,6 +39,8 @@ class LPIPS(ResidualEnergy):
         FileNotFoundError, RuntimeError: as the backbone's.
     """
 
+    mixed = True
+
     def __init__(self, backbone: Literal["alex", "vgg"] = "alex", weights: str | None = None) -> None:
         super().__init__()
         self.network: FeatureNetwork

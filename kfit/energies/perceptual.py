@@ -41,6 +41,7 @@ class Perceptual(ResidualEnergy):
     ) -> None:
         super().__init__()
         self.network = frozen(network)
+        self.mixed = getattr(network, "mixed", True)
         self.squared, self.normalize = squared, normalize
 
     def train(self, mode: bool = True) -> Perceptual:
@@ -75,4 +76,5 @@ class Perceptual(ResidualEnergy):
 
     def _features(self, image: Tensor) -> Mapping[str, Tensor]:
         features: Mapping[str, Tensor] | Tensor = self.network(image)
-        return features if isinstance(features, Mapping) else {"output": features}
+        named = features if isinstance(features, Mapping) else {"output": features}
+        return {name: feature.to(torch.promote_types(feature.dtype, torch.float32)) for name, feature in named.items()}

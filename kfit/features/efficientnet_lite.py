@@ -42,6 +42,8 @@ class EfficientNetLite0(FeatureNetwork):
         ValueError: for a block that does not exist.
     """
 
+    mixed = False  # depthwise convolutions take twice as long in bfloat16 on a CPU, and little anywhere
+
     def __init__(self, layers: Sequence[int] = (1, 3, 5)) -> None:
         super().__init__(mean=(127 / 255,) * 3, std=(128 / 255,) * 3)
         num_blocks = sum(stage[0] for stage in _STAGES)

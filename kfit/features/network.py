@@ -15,9 +15,14 @@ class FeatureNetwork(nn.Module, ABC):
 
     A subclass fills itself with weights and ends its constructor with ``self.freeze()``.
 
+    Attributes:
+        mixed: whether it gains by bfloat16 where a fit runs under ``torch.autocast``.
+
     Args:
         mean, std: what pictures are normalised by, one number a channel; ImageNet's unless given.
     """
+
+    mixed = True
 
     def __init__(
         self,

@@ -19,6 +19,7 @@ from kfit.core import (
     FitResult,
     Generator,
     Initializer,
+    Observation,
     PoseNetwork,
     Prior,
     Schedule,
@@ -173,8 +174,9 @@ class CategoryModel:
                 sentence.
         """
         seen = Sighting.of(image, self.card.category, self.image_size, mask, box, intrinsics, depth, segmenter)
-        fit = (pipeline or self.pipeline(depth=depth is not None))(seen.observation, seed=seed)
-        return self.answer(fit, seen)
+        pipeline = pipeline or self.pipeline(depth=depth is not None)
+        there: Observation = seen.observation.map(lambda tensor: tensor.to(pipeline.device))
+        return self.answer(pipeline(there, seed=seed).to("cpu"), seen)
 
     @property
     def image_size(self) -> int:

@@ -7,16 +7,14 @@ import sys
 import warnings
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import torch
 from lightning import LightningModule
-from torch import Tensor, nn
-from torch.utils import _pytree as pytree
+from torch import nn
 
-from kfit.core import FitError, FitResult, Observation
+from kfit.core import FitError, Observation
 from kfit.core.check import check_names
 from kfit.geometry import CATEGORIES
 from kfit.models.category_model import CategoryModel
@@ -199,7 +197,7 @@ class DatasetFit(LightningModule):
         ]
         fields = {name: torch.cat([one.observation.field(name) for one in seen]).to(self.device) for name in names}
         try:
-            fit = _on_cpu(self.pipelines[category](Observation(**fields, keys=keys), seed=self.seed))
+            fit = self.pipelines[category](Observation(**fields, keys=keys), seed=self.seed).to("cpu")
         except FitError as error:
             return [str(error)] * len(seen)
         return [
@@ -223,13 +221,6 @@ def _draws_depth(model: CategoryModel) -> bool:
     with torch.no_grad():
         zeros = {name: torch.zeros(1, *variable.shape) for name, variable in model.generator.variables.items()}
         return model.generator(**zeros).depth is not None
-
-
-def _on_cpu(fit: FitResult) -> FitResult:
-    """The fit without its history on the CPU, where its answer is made."""
-    parts = ("values", "energy", "start", "all_problem", "all_start", "all_energy", "all_values")
-    moved = {name: pytree.tree_map_only(Tensor, Tensor.cpu, getattr(fit, name)) for name in parts}
-    return replace(fit, **moved)
 
 
 def _digest(path: Path) -> str:

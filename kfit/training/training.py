@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import shutil
 import warnings
 from types import FrameType
 from typing import Any
@@ -11,6 +10,8 @@ from typing import Any
 import torch
 from lightning.pytorch import LightningModule
 from torch import nn
+
+from kfit.devices import compile_networks
 
 
 class Training(LightningModule):
@@ -38,11 +39,8 @@ class Training(LightningModule):
 
     def compile_networks(self, *networks: nn.Module) -> None:
         """Compile them, or say why not."""
-        if self.device.type == "cpu" and not any(shutil.which(name) for name in ("c++", "g++", "clang++")):
+        if not compile_networks(*networks):
             self.print("no C++ compiler found: training goes on uncompiled")
-            return
-        for network in networks:
-            network.compile()
 
     def configure_optimizers(self) -> Any:
         """AdamW whose rate rises over the first twentieth of the steps and falls as a cosine.

@@ -1,0 +1,58 @@
+"""A fit written down in YAML, for any model."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+from jsonargparse import ArgumentError, ArgumentParser
+
+from kfit.generators import SimilarityWarp
+from kfit.initializers import EncoderPosterior
+from kfit.models.category_model import CategoryModel
+from kfit.pipeline import FitPipeline
+
+
+def fit_of(recipe: str | Path, model: CategoryModel, changes: Sequence[str] = ()) -> FitPipeline:
+    """The fit that a recipe describes, by a model.
+
+    A recipe holds the arguments of `kfit.FitPipeline` but the generator, each part by its ``class_path``; see
+    ``recipes/fit_released.yaml``. The model gives the generator, in `kfit.generators.SimilarityWarp`; its encoder's
+    posterior, where no initializer sets the code; and its category's symmetry, for a selector that asks for one.
+
+    Args:
+        recipe: path of the YAML file.
+        model: draws.
+        changes: words that change single entries, as on a command line: ``["--num_starts", "8"]``.
+
+    Raises:
+        FileNotFoundError: if there is no such file.
+        ValueError: for a recipe that is no fit of this model, in one sentence.
+    """
+    path = Path(recipe)
+    if not path.is_file():
+        raise FileNotFoundError(f"there is no recipe {path}")
+    parser = ArgumentParser(exit_on_error=False)
+    parser.add_class_arguments(FitPipeline, skip={"generator"}, instantiate=False)
+    parser.add_argument("--config", action="config")
+    try:
+        said = parser.parse_args(["--config", str(path), *changes])
+        if "selector.init_args.symmetry" in said:
+            said["selector.init_args.symmetry"] = model.card.known.symmetry
+        parts = parser.instantiate(said).as_dict()
+    except (ArgumentError, ValueError) as error:
+        raise ValueError(f"{path} is no recipe of a fit: {_reason(error)}") from None
+    parts.pop("config")
+    if all("code" not in initializer.on for initializer in parts["initializers"]):
+        parts["initializers"] = [*parts["initializers"], EncoderPosterior(model.encoder)]
+    return FitPipeline(SimilarityWarp(model.generator), **parts)
+
+
+def _reason(error: Exception) -> str:
+    """What a part said against its settings, without the tree of types that jsonargparse wraps it in."""
+    lines = [line.strip().removeprefix("- ") for line in str(error).splitlines()]
+    wrapping = ("Does not validate", "Subtypes:", "Errors:", "Given value", "Import path", "Parser key")
+    reason = next((line for line in lines if line and not line.startswith(wrapping)), lines[0])
+    key = re.search(r'Parser key "([^"]+)"', str(error))
+    return f"{key[1]}: {reason}" if key else reason
