@@ -4,11 +4,20 @@ from __future__ import annotations
 
 from jsonargparse import ArgumentParser, Namespace
 
-from kfit.cli import bench_accuracy, bench_energies, bench_optimizers, bench_paper, bench_registration, bench_speed
+from kfit.cli import (
+    bench_accuracy,
+    bench_energies,
+    bench_following,
+    bench_optimizers,
+    bench_paper,
+    bench_registration,
+    bench_speed,
+)
 
 BENCHMARKS = {
     "accuracy": bench_accuracy,
     "energies": bench_energies,
+    "following": bench_following,
     "optimizers": bench_optimizers,
     "registration": bench_registration,
     "paper": bench_paper,

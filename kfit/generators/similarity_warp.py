@@ -6,7 +6,7 @@ import torch
 from kornia.geometry.transform import warp_affine
 from torch import Tensor
 
-from kfit.core import Angle, Generator, Positive, Rendering, Variable
+from kfit.core import Angle, Generator, Positive, Rendering, Variable, Variables
 from kfit.core.check import check_names
 
 OWN = ("roll", "shift", "scale")
@@ -42,8 +42,24 @@ class SimilarityWarp(Generator):
         }
 
     def forward(self, **values: Tensor) -> Rendering:
-        drawn: Rendering = self.generator(**{k: v for k, v in values.items() if k not in OWN})
+        inner = {name: value for name, value in values.items() if name not in OWN}
+        if not torch.is_grad_enabled() and not torch.compiler.is_compiling():
+            return warp(self._drawn_once(inner), values["roll"], values["shift"], values["scale"])
+        drawn: Rendering = self.generator(**inner)
         return warp(drawn, values["roll"], values["shift"], values["scale"])
+
+    def _drawn_once(self, inner: Variables) -> Rendering:
+        """The pictures of all rows, of which those with the same values, as differences have them, are drawn once."""
+        rows = torch.cat([value.flatten(1) if value.dim() > 1 else value[:, None] for value in inner.values()], 1)
+        distinct, number = rows.unique(dim=0, return_inverse=True)
+        if len(distinct) == len(rows):
+            alone: Rendering = self.generator(**inner)
+            return alone
+        every = torch.arange(len(rows), device=rows.device)
+        kept = number.new_zeros(len(distinct)).scatter_reduce(0, number, every, "amin", include_self=False)
+        drawn: Rendering = self.generator(**{name: value[kept] for name, value in inner.items()})
+        spread: Rendering = drawn.map(lambda tensor: tensor[number])
+        return spread
 
     def bind(self, **fixed: Tensor) -> Generator:
         """Hold variables; those of the generator inside are bound there.

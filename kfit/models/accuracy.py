@@ -151,7 +151,7 @@ def translation_errors(model: CategoryModel, views: UnseenViews, results: list[F
     errors: list[Tensor] = []
     for fit in (result.of(number) for result in results for number in range(len(result.energy))):
         truth = views.distance[len(errors)] * torch.tensor([0.0, 0.0, 1.0])
-        _, found, _ = model.placed(fit, views.crops[len(errors)], views.intrinsics)
+        _, found, _ = model.placed(fit.values, views.crops[len(errors)], views.intrinsics)
         errors.append((found[0] - truth).norm())
     return torch.stack(errors)
 

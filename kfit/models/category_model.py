@@ -23,6 +23,7 @@ from kfit.core import (
     PoseNetwork,
     Prior,
     Schedule,
+    Variables,
 )
 from kfit.energies import SSIM, CodePrior, Depth, Perceptual, PosePrior, Silhouette
 from kfit.features import EfficientNetLite0
@@ -183,10 +184,10 @@ class CategoryModel:
         """Side in pixels of the pictures that the generator draws."""
         return int(getattr(self.generator, "image_size", 64))
 
-    def placed(self, fit: FitResult, crop: Crop, camera: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Rotation (1, 3, 3), translation (1, 3) and box diagonal (1,) in metres of a fit of one problem in the photo's
-        camera (3, 3): by the fitted distance where there is one, else by the category's mean size."""
-        values, unit = {name: value.double() for name, value in fit.values.items()}, self.card.unit_fraction
+    def placed(self, fitted: Variables, crop: Crop, camera: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Rotation (1, 3, 3), translation (1, 3) and box diagonal (1,) in metres of one problem's fitted values in the
+        photo's camera (3, 3): by the fitted distance where there is one, else by the category's mean size."""
+        values, unit = {name: value.double() for name, value in fitted.items()}, self.card.unit_fraction
         angles = (values["azimuth"], values["elevation"], values["roll"])
         shift, scale, camera = values["shift"], values["scale"], camera.double()
         diagonal = torch.tensor([self.card.mean_diagonal], dtype=torch.float64)
@@ -205,7 +206,7 @@ class CategoryModel:
 
     def answer(self, fit: FitResult, seen: Sighting) -> PoseResult:
         """What a fit of one problem says of the object that was seen."""
-        rotation, translation, diagonal = self.placed(fit, seen.crop, seen.intrinsics)
+        rotation, translation, diagonal = self.placed(fit.values, seen.crop, seen.intrinsics)
         with torch.no_grad():
             extents = self.extents(fit.values["code"])[0].double()
             warped = SimilarityWarp(self.generator)

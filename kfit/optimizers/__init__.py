@@ -3,8 +3,9 @@
 from kfit.optimizers.adam import Adam
 from kfit.optimizers.auto_adam import AutoAdam
 from kfit.optimizers.cma_es import CMAES
+from kfit.optimizers.gauss_newton import GaussNewton
 from kfit.optimizers.lbfgs import LBFGS
 from kfit.optimizers.levenberg_marquardt import LevenbergMarquardt
 from kfit.optimizers.stages import Stages
 
-__all__ = ["CMAES", "LBFGS", "Adam", "AutoAdam", "LevenbergMarquardt", "Stages"]
+__all__ = ["CMAES", "LBFGS", "Adam", "AutoAdam", "GaussNewton", "LevenbergMarquardt", "Stages"]

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 import torch
 
-from kfit.core import Rendering
+from kfit.core import Angle, Generator, Rendering, Variable
+from kfit.generators import SimilarityWarp
 from kfit.generators.similarity_warp import warp
 from kfit.geometry import Crop, pose_from_crop
 
@@ -163,3 +164,35 @@ def test_gradients_are_those_of_finite_differences():
     given = [torch.tensor(value, dtype=torch.float64, requires_grad=True) for value in ([0.3], [[0.13, -0.21]], [1.1])]
     assert torch.autograd.gradcheck(lambda *values: warp(drawn, *values).image, given)
     assert torch.autograd.gradcheck(lambda *values: warp(drawn, *values).mask, given)
+
+
+class Counted(Generator):
+    """How many pictures were asked for."""
+
+    def __init__(self):
+        super().__init__()
+        self.variables = {"code": Variable((2,)), "azimuth": Variable((), Angle())}
+        self.rows = []
+
+    def forward(self, **values):
+        self.rows.append(len(values["azimuth"]))
+        grey = (values["code"].sum(1) + values["azimuth"])[:, None, None, None]
+        return Rendering(grey.expand(-1, 3, 8, 8), grey.sigmoid().expand(-1, 1, 8, 8))
+
+
+def test_without_gradients_what_differs_in_the_plane_alone_is_drawn_once():
+    code = torch.tensor([[0.1, 0.2], [0.1, 0.2], [0.3, 0.0], [0.1, 0.2]])
+    values = {
+        "code": code,
+        "azimuth": torch.tensor([0.5, 0.5, 0.5, 0.7]),
+        "roll": torch.tensor([0.0, 0.1, 0.2, 0.3]),
+        "shift": torch.zeros(4, 2),
+        "scale": torch.ones(4),
+    }
+    warped = SimilarityWarp(Counted())
+    with torch.no_grad():
+        found = warped(**values)
+    asked = warped(**values)
+    assert warped.generator.rows == [3, 4]
+    torch.testing.assert_close(found.image, asked.image)
+    torch.testing.assert_close(found.mask, asked.mask)

@@ -124,7 +124,7 @@ def by_fit(model: CategoryModel, views: UnseenViews, pipeline: FitPipeline, on_b
     fits = [result.of(number) for result in results for number in range(len(result.energy))][:SHOWN]
     boxes = []
     for fit, crop in zip(fits, views.crops, strict=False):
-        rotation, place, diagonal = model.placed(fit, crop, views.intrinsics)
+        rotation, place, diagonal = model.placed(fit.values, crop, views.intrinsics)
         with torch.no_grad():
             boxes.append((rotation[0], place[0], model.extents(fit.values["code"])[0].double() * diagonal))
     warped = SimilarityWarp(model.generator)
