@@ -1,13 +1,15 @@
-"""Where to compute, and in which precision."""
+"""Where to compute, in which precision, compiled or not, and what the machine can do."""
 
 from __future__ import annotations
 
 import shutil
+import time
 from contextlib import AbstractContextManager
 from typing import Any
 
 import torch
 from torch import nn
+from torch.utils._python_dispatch import TorchDispatchMode
 
 
 def device_of(name: str) -> torch.device:
@@ -46,3 +48,38 @@ def compile_networks(*networks: nn.Module, **kwargs: Any) -> bool:
     for network in networks:
         network.compile(**kwargs)
     return True
+
+
+class Operations(TorchDispatchMode):
+    """Counts the floating point operations of convolutions and matrix products that run within it.
+
+    PyTorch's own ``FlopCounterMode`` follows modules too, for which gradients must not be asked by
+    ``torch.autograd.grad``.
+
+    Attributes:
+        total: so far.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        from torch.utils.flop_counter import flop_registry  # takes a while to import
+
+        self._registry, self.total = flop_registry, 0
+
+    def __torch_dispatch__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+        out = func(*args, **(kwargs or {}))
+        count = self._registry.get(func.overloadpacket)
+        if count is not None:
+            self.total += count(*args, **(kwargs or {}), out_val=out)
+        return out
+
+
+def matrix_rate(dtype: torch.dtype, size: int = 2048, repeats: int = 5) -> float:
+    """GFLOP a second of products of square matrices on the CPU, the best of several: what the machine can do."""
+    left, right = (torch.randn(size, size).to(dtype) for _ in range(2))
+    best = 0.0
+    for _ in range(repeats + 1):
+        begun = time.perf_counter()
+        left @ right
+        best = max(best, 2 * size**3 / (time.perf_counter() - begun) / 1e9)
+    return best

@@ -11,7 +11,9 @@ from kfit.cli import (
     bench_optimizers,
     bench_paper,
     bench_registration,
+    bench_scaling,
     bench_speed,
+    bench_training,
 )
 
 BENCHMARKS = {
@@ -21,7 +23,9 @@ BENCHMARKS = {
     "optimizers": bench_optimizers,
     "registration": bench_registration,
     "paper": bench_paper,
+    "scaling": bench_scaling,
     "speed": bench_speed,
+    "training": bench_training,
 }
 
 

@@ -82,10 +82,9 @@ def run(said: Namespace) -> None:
 
     from kfit.cli.accuracy_page import circumstances
     from kfit.core.whole_files import write_whole
-    from kfit.devices import device_of
+    from kfit.devices import device_of, matrix_rate
     from kfit.models import load
     from kfit.models.accuracy import unseen_views
-    from kfit.models.speed import matrix_rate
 
     device = device_of(said.device)
     model = load(said.model)

@@ -6,7 +6,7 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 
-from lightning.pytorch import LightningDataModule, LightningModule
+from lightning.pytorch import Callback, LightningDataModule, LightningModule
 from lightning.pytorch.cli import LightningCLI
 
 from kfit.geometry.categories import CATEGORIES, Category
@@ -53,20 +53,26 @@ def main(args: Sequence[str] | None = None) -> None:
     # Lightning warns of words given twice, which `kfit fit` would be.
     words = None if args is None or list(args) == sys.argv[1:] else list(args)
     try:
-        _CLI(
-            LightningModule,
-            LightningDataModule,
-            subclass_mode_model=True,
-            subclass_mode_data=True,
-            auto_configure_optimizers=False,
-            seed_everything_default=0,
-            save_config_kwargs={"overwrite": True},
-            # The usage that would be listed otherwise names some eighty options before it comes to what is wrong.
-            parser_kwargs={name: {"usage": f"lightning {name} -c RECIPE [--OPTION VALUE …]"} for name in COMMANDS},
-            args=words,
-        )
+        run(words)
     except (ValueError, TypeError, OSError, RuntimeError, ImportError) as error:
         if os.environ.get("KFIT_DEBUG"):
             raise
         print(f"kfit: {error}", file=sys.stderr)
         raise SystemExit(2) from None
+
+
+def run(words: Sequence[str] | None, callbacks: Sequence[Callback] = ()) -> None:
+    """What Lightning's command line does with these words, or the process's, and with callbacks beside the recipe's."""
+    _CLI(
+        LightningModule,
+        LightningDataModule,
+        subclass_mode_model=True,
+        subclass_mode_data=True,
+        auto_configure_optimizers=False,
+        seed_everything_default=0,
+        trainer_defaults={"callbacks": list(callbacks)} if callbacks else None,
+        save_config_kwargs={"overwrite": True},
+        # The usage that would be listed otherwise names some eighty options before it comes to what is wrong.
+        parser_kwargs={name: {"usage": f"lightning {name} -c RECIPE [--OPTION VALUE …]"} for name in COMMANDS},
+        args=None if words is None else list(words),
+    )

@@ -10,10 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from torch.utils._python_dispatch import TorchDispatchMode
-from torch.utils.flop_counter import flop_registry
 
 from kfit.core import FitResult, Observation
+from kfit.devices import Operations
 from kfit.initializers import Previous
 from kfit.pipeline import FitPipeline
 
@@ -104,39 +103,6 @@ def profile(pipeline: FitPipeline, observation: Observation) -> dict[str, Any]:
         "gflop": counted.total / 1e9,
         "gflop_per_second": counted.total / 1e9 / products,
     }
-
-
-class Operations(TorchDispatchMode):
-    """Counts the floating point operations of convolutions and matrix products that run within it.
-
-    PyTorch's own ``FlopCounterMode`` follows modules too, for which gradients must not be asked by
-    ``torch.autograd.grad``.
-
-    Attributes:
-        total: so far.
-    """
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.total = 0
-
-    def __torch_dispatch__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
-        out = func(*args, **(kwargs or {}))
-        count = flop_registry.get(func.overloadpacket)
-        if count is not None:
-            self.total += count(*args, **(kwargs or {}), out_val=out)
-        return out
-
-
-def matrix_rate(dtype: torch.dtype, size: int = 2048, repeats: int = 5) -> float:
-    """GFLOP a second of products of square matrices on the CPU, the best of several: what the machine can do."""
-    left, right = (torch.randn(size, size).to(dtype) for _ in range(2))
-    best = 0.0
-    for _ in range(repeats + 1):
-        begun = time.perf_counter()
-        left @ right
-        best = max(best, 2 * size**3 / (time.perf_counter() - begun) / 1e9)
-    return best
 
 
 def _wait(device: torch.device) -> None:

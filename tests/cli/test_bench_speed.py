@@ -11,9 +11,9 @@ import torch
 from kfit.cli import bench_speed
 from kfit.cli.main import main
 from kfit.cli.speed_page import sections
+from kfit.devices import Operations, matrix_rate
 from kfit.generators import VAE3D, ConvEncoder, ExtentsHead, PoseHead
 from kfit.models import Card, write_model
-from kfit.models.speed import Operations, matrix_rate
 
 ROOT = Path(__file__).parents[2]
 

@@ -1,0 +1,123 @@
+"""What a training step costs: steps a second, the wait for data, and the share of the machine's matrix rate."""
+
+from __future__ import annotations
+
+import logging
+import sys
+import tempfile
+import warnings
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from jsonargparse import ArgumentParser, Namespace
+
+from kfit.cli.accuracy_page import Section, circumstances
+from kfit.cli.bench_accuracy import command, write_text
+
+if TYPE_CHECKING:
+    from kfit.training.stopwatch import Stopwatch
+
+RECIPES = ["recipes/vae3d.yaml", "recipes/radiance_field.yaml", "recipes/pose_head.yaml"]
+
+
+def parser() -> ArgumentParser:
+    """Arguments of ``kfit bench training``."""
+    parser = ArgumentParser(
+        description="Train by recipes for some steps as `lightning fit` does, on a few objects that are rendered for "
+        "it, and print what a step costs, how long it waits for its data, and how near its convolutions and products "
+        "come to the rate at which the machine multiplies matrices.",
+        epilog="example:  kfit bench training --recipes [recipes/vae3d_paper.yaml] --steps 10",
+    )
+    parser.add_argument("--recipes", type=list[str], default=RECIPES, help="of trainings")
+    parser.add_argument("--category", type=str, default="mug", help="procedural category")
+    parser.add_argument("--steps", type=int, default=20, help="steps that are timed, after five that are not")
+    parser.add_argument("--out", type=str, default=None, metavar="DIR", help="write README.md there")
+    return parser
+
+
+def run(said: Namespace) -> None:
+    """Measure, print the table, and write it where it is wanted."""
+    if said.steps < 1:
+        raise ValueError(f"--steps must be at least 1, got {said.steps}")
+    for recipe in said.recipes:
+        if not Path(recipe).is_file():
+            raise FileNotFoundError(f"there is no recipe {recipe}")
+    from rich.console import Console
+
+    from kfit.core.whole_files import write_whole
+
+    with tempfile.TemporaryDirectory() as folder:
+        found = {recipe: measured(recipe, said.category, said.steps, folder) for recipe in said.recipes}
+    table = section(found)
+    Console(width=120).print(table.table())
+    print("\n".join(table.notes))
+    if said.out:
+        how = circumstances(command("training", said, parser().get_defaults()), {})
+        machine, versions = how["machine"], ", ".join(f"{name} {number}" for name, number in how["versions"].items())
+        head = f"Made by `{how['command']}`; {versions}; {machine['processor']}, {machine['threads']} threads."
+        text = "\n".join(["# What a training step costs", "", head, "", *table.markdown()])
+        for path in write_whole(Path(said.out), {"README.md": partial(write_text, text=text)}):
+            print(f"wrote {path}", file=sys.stderr)
+
+
+def measured(recipe: str, category: str, steps: int, folder: str) -> Stopwatch:
+    """Train for some steps, as `lightning fit` does, without keeping anything."""
+    from kfit.cli import lightning
+    from kfit.training.stopwatch import Stopwatch
+
+    clock = Stopwatch(warm_up=5)
+    words = [
+        "fit",
+        "-c",
+        recipe,
+        "--data.category",
+        category,
+        "--data.num_objects",
+        "60",
+        "--data.num_val_objects",
+        "2",
+    ]
+    words += ["--data.cache_dir", folder, "--trainer.max_steps", str(5 + steps), "--trainer.max_epochs", "1000"]
+    words += ["--trainer.logger", "false", "--trainer.callbacks", "null", "--trainer.enable_progress_bar", "false"]
+    words += ["--trainer.enable_checkpointing", "false", "--trainer.enable_model_summary", "false"]
+    words += ["--trainer.limit_val_batches", "0"]
+    warnings.filterwarnings("ignore", message="LightningCLI's args parameter")
+    logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
+    lightning.run(words, callbacks=[clock])
+    return clock
+
+
+def section(found: dict[str, Any]) -> Section:
+    """A row for each recipe."""
+    rows = []
+    for recipe, clock in found.items():
+        rate = clock.operations / clock.seconds / 1e9
+        rows.append(
+            [
+                Path(recipe).stem,
+                clock.precision,
+                f"{clock.seconds:.2f} s",
+                f"{clock.pairs / clock.seconds:.0f}",
+                f"{100 * clock.waited / (clock.seconds + clock.waited):.1f} %",
+                f"{clock.operations / 1e9:.0f}",
+                f"{rate:.0f} GFLOP/s",
+                f"{100 * rate / clock.machine:.0f} %",
+            ]
+        )
+    header = [
+        "recipe",
+        "precision",
+        "a step",
+        "views a second",
+        "waits for data",
+        "GFLOP a step",
+        "rate",
+        "of matrices'",
+    ]
+    notes = [
+        "Medians. Operations are those of convolutions and matrix products, forwards and backwards; the rate is over "
+        "the whole step, and the last column its share of what products of 2048 × 2048 matrices reach in that "
+        "precision."
+    ]
+    return Section("Training", header, rows, notes)

@@ -1,0 +1,79 @@
+"""What a training step costs."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from statistics import median
+from typing import Any
+
+import torch
+from lightning.pytorch import Callback, LightningModule, Trainer
+
+from kfit.devices import Operations, matrix_rate
+
+
+class Stopwatch(Callback):
+    """Times training steps and the waits between them.
+
+    Args:
+        warm_up: steps that do not count: networks are compiled in the first.
+
+    Attributes:
+        seconds: of a step, the median.
+        waited: from a step's end to the next one's beginning, the median: for data, and for what else looks on.
+        pairs: views a step.
+        operations: floating point operations of a step's convolutions and products, forwards and backwards.
+        precision: of the trainer.
+        machine: GFLOP a second of matrix products in it.
+    """
+
+    def __init__(self, warm_up: int = 5) -> None:
+        self.warm_up = warm_up
+        self.operations, self.pairs, self.machine, self.precision = 0, 0, 0.0, ""
+        self._steps: list[float] = []
+        self._waits: list[float] = []
+        self._begun = self._ended = 0.0
+
+    @property
+    def seconds(self) -> float:
+        return median(self._steps[self.warm_up :])
+
+    @property
+    def waited(self) -> float:
+        return median(self._waits[self.warm_up :])
+
+    def setup(self, trainer: Trainer, pl_module: LightningModule, stage: str) -> None:
+        """Count a step's operations, before anything is compiled, and the machine's rate."""
+        data: Any = trainer.datamodule  # type: ignore[attr-defined]
+        batch = next(iter(data.train_dataloader()))
+        self.pairs = len(batch["source"])
+        self.precision = str(trainer.precision)
+        with torch.random.fork_rng(), Operations() as counted, _silent(pl_module):
+            loss: Any = pl_module.training_step(batch, 0)
+            loss.backward()
+        pl_module.zero_grad()
+        self.operations = counted.total
+        self.machine = matrix_rate(torch.bfloat16 if "bf16" in self.precision else torch.float32)
+
+    def on_train_batch_start(self, trainer: Trainer, pl_module: LightningModule, batch: Any, batch_idx: int) -> None:
+        self._begun = time.perf_counter()
+        if self._ended:
+            self._waits.append(self._begun - self._ended)
+
+    def on_train_batch_end(
+        self, trainer: Trainer, pl_module: LightningModule, outputs: Any, batch: Any, batch_idx: int
+    ) -> None:
+        self._ended = time.perf_counter()
+        self._steps.append(self._ended - self._begun)
+
+
+@contextmanager
+def _silent(module: LightningModule) -> Iterator[None]:
+    """Nothing is logged, which Lightning allows in training alone."""
+    vars(module).update(log=lambda *given, **named: None, log_dict=lambda *given, **named: None)
+    try:
+        yield
+    finally:
+        del vars(module)["log"], vars(module)["log_dict"]
