@@ -106,7 +106,8 @@ def _convolution(state: Mapping[str, Tensor], conv: str, norm: str, stride: int 
     # a convolution with one input channel a group is the depthwise one
     groups = weight.shape[0] if weight.shape[1] == 1 else 1
     channels = (weight.shape[1] * groups, weight.shape[0])
-    made: _SameConvolution = nn.utils.skip_init(_SameConvolution, *channels, weight.shape[-1], stride, groups=groups)
+    with torch.device("meta"):  # nothing is filled that is replaced at once
+        made = _SameConvolution(*channels, weight.shape[-1], stride, groups=groups)
     made.weight, made.bias = weight, bias
     return made
 

@@ -164,6 +164,7 @@ class DatasetFit(LightningModule):
     @property
     def _settings(self) -> dict[str, Any]:
         said = {name: getattr(self, name) for name in ("num_starts", "num_steps", "depth", "seed")}
+        said["precision"] = str(self.trainer.precision)
         return said | {f"model of {name}": _digest(self.files[name]) for name in sorted(self.models)}
 
     def _fit(self, category: str, things: Sequence[tuple[ImageToFit, ObjectToFit]]) -> list[PoseResult | str]:

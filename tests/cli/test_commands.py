@@ -100,3 +100,12 @@ def test_python_dash_m_kfit_is_the_console_script() -> None:
 def test_importing_the_commands_loads_no_torch() -> None:
     code = "import sys, kfit.cli.main; sys.exit('torch' in sys.modules)"
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_a_fit_loads_nothing_that_it_does_not_need() -> None:
+    # Each costs a tenth to half a second of the answer to a photo.
+    heavy = ("sympy", "matplotlib", "lightning", "onnxruntime", "h5py", "torch._dynamo")
+    code = "import sys; from kfit.models import load; load('mug').pipeline(); "
+    code += f"print([name for name in {heavy} if name in sys.modules])"
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert found.stdout.strip() == "[]"
