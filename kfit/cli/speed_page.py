@@ -48,7 +48,7 @@ def _cost(fits: Fits, timed: int) -> Section:
     header = ["way", *(word for part in parts for word in (part, "less"))]
     note = (
         f"Medians over {timed} views, fitted one by one, the ways in turn; ratios to the first row are of these "
-        f"medians, the median of {repeats} repeats."
+        f"medians, the median of the repeats, of which there are {repeats}."
     )
     return Section("What a view costs", header, rows, [note])
 
