@@ -106,7 +106,7 @@ def figure(found: dict[str, list[tuple[int, float, float | None]]]) -> Figure:
     for plot, (axis, points) in zip(whole.subplots(1, len(found), squeeze=False)[0], found.items(), strict=True):
         sizes, seconds, memory = zip(*points, strict=True)
         plot.plot(sizes, seconds, "o-", color="#4477aa")
-        plot.set(xlabel=axis, ylim=(0, None), xlim=(0, None))
+        plot.set(xlabel=axis, ylim=(0, 1.1 * max(seconds)), xlim=(0, 1.05 * max(sizes)))
         plot.set_ylabel("s a fit", color="#4477aa")
         plot.spines["top"].set_visible(False)
         plot.grid(alpha=0.3)
