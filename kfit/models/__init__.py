@@ -3,7 +3,9 @@
 from kfit.models.card import Card
 from kfit.models.category_model import CategoryModel
 from kfit.models.files import read_checkpoint, read_model, write_model
-from kfit.models.following import Followed, Follower, follow
+from kfit.models.followed import Followed
+from kfit.models.follower import Follower
+from kfit.models.following import follow
 from kfit.models.load import bundled, load
 from kfit.models.pose_result import Alternative, PoseResult
 from kfit.models.released import load_released, released_values

@@ -4,7 +4,7 @@ from kfit.segmentation.detections import Detections, Detector
 from kfit.segmentation.grabcut import GrabCut, mask_from_box
 from kfit.segmentation.load_segmenter import load_segmenter
 from kfit.segmentation.mask_rcnn import MaskRCNN
-from kfit.segmentation.near_silhouette import mask_near
+from kfit.segmentation.near_silhouette import mask_in_photo, mask_near
 from kfit.segmentation.nocs_detections import nocs_detections
 from kfit.segmentation.onnx_network import OnnxNetwork
 from kfit.segmentation.photo import Photo, depth_from_file, mask_from_alpha, mask_from_file, read_photo
@@ -29,6 +29,7 @@ __all__ = [
     "mask_from_alpha",
     "mask_from_box",
     "mask_from_file",
+    "mask_in_photo",
     "mask_near",
     "nocs_detections",
     "read_photo",

@@ -2,15 +2,48 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from kfit.geometry import Crop
 from kfit.segmentation.largest_part import largest_part
 
 ITERATIONS = 2
+# Side of the picture in which the mask is looked for, and how much larger than the crop it is.
+GRID, WIDER = 96, 1.3
+INVERSE = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
 # A mask of another area than this many times the silhouette's, either way, is of something else.
 TIMES = 2.0
+
+
+def mask_in_photo(
+    photo: NDArray[np.float32], silhouette: NDArray[np.float32], crop: Crop, band: float
+) -> NDArray[np.float32] | None:
+    """The mask in a photo about where a silhouette was drawn: `mask_near` on a grid of 96 × 96 about the crop.
+
+    Args:
+        photo: (H, W, 3), RGB in [0, 1].
+        silhouette: (S, S) in the crop's pixels, above 1/2 on the object.
+        crop: where it was drawn.
+        band: to either side of its outline, as a share of the grid, which is a third wider than the crop.
+
+    Returns:
+        (H, W) in [0, 1], above 1/2 on the object; None where nothing like the silhouette stands out.
+    """
+    wide = replace(crop, side=WIDER * crop.side, size=GRID)
+    to_photo = wide.crop_to_image.numpy()[:2]
+    region = cv2.warpAffine(photo, to_photo, (GRID, GRID), flags=INVERSE, borderMode=cv2.BORDER_REPLICATE)
+    from_drawing = (crop.image_to_crop @ wide.crop_to_image).numpy()[:2]
+    drawn = cv2.warpAffine(silhouette, from_drawing, (GRID, GRID), flags=INVERSE)
+    found = mask_near(region, drawn, round(band * GRID))
+    if found is None:
+        return None
+    size = (photo.shape[1], photo.shape[0])
+    mask: NDArray[np.float32] = cv2.warpAffine(found.astype(np.float32), to_photo, size, flags=cv2.INTER_LINEAR)
+    return mask if (mask > 0.5).any() else None
 
 
 def mask_near(image: NDArray[np.float32], silhouette: NDArray[np.float32], band: int) -> NDArray[np.uint8] | None:
