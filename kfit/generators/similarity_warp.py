@@ -43,7 +43,7 @@ class SimilarityWarp(Generator):
 
     def forward(self, **values: Tensor) -> Rendering:
         inner = {name: value for name, value in values.items() if name not in OWN}
-        if not torch.is_grad_enabled() and not torch.compiler.is_compiling():
+        if inner and not torch.is_grad_enabled() and not torch.compiler.is_compiling():
             return warp(self._drawn_once(inner), values["roll"], values["shift"], values["scale"])
         drawn: Rendering = self.generator(**inner)
         return warp(drawn, values["roll"], values["shift"], values["scale"])

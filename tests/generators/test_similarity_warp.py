@@ -196,3 +196,10 @@ def test_without_gradients_what_differs_in_the_plane_alone_is_drawn_once():
     assert warped.generator.rows == [3, 4]
     torch.testing.assert_close(found.image, asked.image)
     torch.testing.assert_close(found.mask, asked.mask)
+
+
+def test_a_generator_all_of_whose_variables_are_held_is_warped():
+    held = SimilarityWarp(Counted()).bind(code=torch.tensor([0.1, 0.2]), azimuth=torch.tensor(0.5))
+    with torch.no_grad():
+        drawn = held(roll=torch.tensor([0.0, 0.4]), shift=torch.zeros(2, 2), scale=torch.ones(2))
+    assert drawn.image.shape == (2, 3, 8, 8)
