@@ -18,7 +18,7 @@ class Stopwatch(Callback):
     """Times training steps and the waits between them.
 
     Args:
-        warm_up: steps that do not count: networks are compiled in the first.
+        warm_up: steps that do not count, one or more: networks are compiled in the first.
 
     Attributes:
         seconds: of a step, the median.
@@ -42,7 +42,7 @@ class Stopwatch(Callback):
 
     @property
     def waited(self) -> float:
-        return median(self._waits[self.warm_up :])
+        return median(self._waits[self.warm_up - 1 :])  # the one before the first step that counts, and later ones
 
     def setup(self, trainer: Trainer, pl_module: LightningModule, stage: str) -> None:
         """Count a step's operations, before anything is compiled, and the machine's rate."""
