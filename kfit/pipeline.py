@@ -125,8 +125,8 @@ class FitPipeline(nn.Module):
     def compile(self, **kwargs: Any) -> None:  # type: ignore[override]
         """Have the generator and the energies' feature networks compiled (`torch.compile`) when they are first used.
 
-        That takes up to a minute for each number of rows, is kept on the disk by PyTorch, and pays in long runs on a
-        GPU. Without a C++ compiler fits go on uncompiled.
+        That takes up to a minute for each number of rows, and PyTorch keeps it on the disk. It is meant for long runs
+        on a GPU; on a CPU it did not pay. Without a C++ compiler fits go on uncompiled.
 
         Args:
             kwargs: as `torch.compile` takes them.
@@ -167,7 +167,7 @@ class FitPipeline(nn.Module):
         terms: dict[str, Energy | Prior] = dict(self.energies.items())  # type: ignore[arg-type]
         rank_weights = self.rank_weights or self._weights_at(self.num_steps)
         judge = Judge(self.generator, terms, rank_weights, observation)
-        with torch.autocast(device.type, enabled=False):  # starts are rounded to nothing
+        with torch.autocast(device.type, enabled=False):  # it would round the starts
             proposed = propose(self.initializers, self.generator.variables, observation, self.num_candidates, seed)
         raw = self._likeliest(judge, proposed)
         nothing = raw[next(iter(raw))].new_full((len(problem),), torch.inf)

@@ -116,7 +116,7 @@ class Follower:
             if nearby is None:
                 return self._anew(pixels)
             found = nearby
-        before = self.crop
+        before, values = self.last.crop, self.values
         self.crop = Crop.around(found, self.model.image_size)
         self.drift = (
             self.crop.centre[0] - before.centre[0],
@@ -126,6 +126,8 @@ class Follower:
         seen = self.crop.cut(pixels, found)
         energy = self._pose(seen)
         drawn = self._placed(seen)
+        for name in self.motion:
+            self.motion[name] = MOMENTUM * (self.motion[name] + _wrapped(self.values[name] - values[name]))
         self.last = self._told(energy, found, seen, drawn, anew=False)
         lost = self.last.overlap < LOST or energy > UNUSUAL * self.usual
         self.usual += LEARNING * (min(energy, UNUSUAL * self.usual) - self.usual)
@@ -138,9 +140,6 @@ class Follower:
         self.proposals.values = {name: torch.cat([moved[name], told[name]]) for name in moved}
         best = self.rank(seen, seed=0)
         self.num_drawn += 3  # the two, and the winner once more
-        for name in self.motion:
-            step = _wrapped(best.values[name] - self.values[name])
-            self.motion[name] = MOMENTUM * (self.motion[name] + step)
         self.values = dict(best.values)
         return float(best.energy[0])
 
@@ -164,7 +163,7 @@ class Follower:
         self.place.generator.drawn = drawn  # type: ignore[assignment]
         own = {name: self.values[name] for name in LENGTHS}
         self.place.initializers[0].values = own  # type: ignore[attr-defined]
-        self.values |= self.place(seen, seed=0).values
+        self.values = self.values | self.place(seen, seed=0).values
         return drawn
 
     def _drawn(self) -> Rendering:
