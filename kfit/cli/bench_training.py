@@ -81,7 +81,7 @@ def measured(recipe: str, category: str, steps: int, folder: str) -> Stopwatch:
     words += ["--data.cache_dir", folder, "--trainer.max_steps", str(5 + steps), "--trainer.max_epochs", "1000"]
     words += ["--trainer.logger", "false", "--trainer.callbacks", "null", "--trainer.enable_progress_bar", "false"]
     words += ["--trainer.enable_checkpointing", "false", "--trainer.enable_model_summary", "false"]
-    words += ["--trainer.limit_val_batches", "0"]
+    words += ["--trainer.limit_val_batches", "0", "--trainer.default_root_dir", folder]
     warnings.filterwarnings("ignore", message="LightningCLI's args parameter")
     logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
     lightning.run(words, callbacks=[clock])

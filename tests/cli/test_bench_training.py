@@ -31,7 +31,11 @@ def test_a_users_mistake_gets_one_sentence(words: list[str], told: str, capsys: 
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")  # Lightning's own
-def test_it_trains_and_prints_a_row(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    main(["bench", "training", "--recipes", f"[{RECIPES / 'smoke.yaml'}]", "--steps", "1", "--out", str(tmp_path)])
+def test_it_trains_and_prints_a_row(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    main(["bench", "training", "--recipes", f"[{RECIPES / 'smoke.yaml'}]", "--steps", "1", "--out", "out"])
     assert "smoke" in capsys.readouterr().out
-    assert "GFLOP/s" in (tmp_path / "README.md").read_text()
+    assert "GFLOP/s" in Path("out/README.md").read_text()
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]  # the training leaves nothing
