@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import sys
-from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from jsonargparse import ArgumentParser, Namespace
 
-from kfit.cli.accuracy_page import Section, circumstances
-from kfit.cli.bench_accuracy import command, write_text
+from kfit.cli.accuracy_page import Section
+from kfit.cli.bench_accuracy import command
+from kfit.cli.bench_page import show, write_page
 
 if TYPE_CHECKING:
     from kfit.models import CategoryModel, Followed
@@ -43,7 +41,6 @@ def run(said: Namespace) -> None:
     from rich.console import Console
     from rich.progress import Progress
 
-    from kfit.core.whole_files import write_whole
     from kfit.models import bundled, load
     from kfit.models.clips import unseen_clip
 
@@ -58,15 +55,10 @@ def run(said: Namespace) -> None:
                 found.setdefault(model.card.category, []).append(measured(model, clip, said.every))
                 bar.advance(task)
     table = section(found)
-    Console(width=140).print(table.table())
-    print("\n".join(table.notes))
+    show([table], 140)
     if said.out:
-        how = circumstances(command("following", said, parser().get_defaults()), {})
-        machine, versions = how["machine"], ", ".join(f"{name} {number}" for name, number in how["versions"].items())
-        head = f"Made by `{how['command']}`; {versions}; {machine['processor']}, {machine['threads']} threads."
-        text = "\n".join(["# Following objects through videos", "", head, "", *table.markdown()])
-        for path in write_whole(Path(said.out), {"README.md": partial(write_text, text=text)}):
-            print(f"wrote {path}", file=sys.stderr)
+        repeat = command("following", said, parser().get_defaults())
+        write_page(said.out, "Following objects through videos", repeat, [table])
 
 
 def measured(model: CategoryModel, clip: Clip, every: int) -> dict[str, Any]:

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import sys
-from functools import partial
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from jsonargparse import ArgumentParser, Namespace
 
-from kfit.cli.accuracy_page import Section, circumstances
-from kfit.cli.bench_accuracy import command, write_text
+from kfit.cli.accuracy_page import Section
+from kfit.cli.bench_accuracy import command
+from kfit.cli.bench_page import show, write_page
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -39,7 +37,6 @@ def run(said: Namespace) -> None:
     from rich.console import Console
     from rich.progress import Progress
 
-    from kfit.core.whole_files import write_whole
     from kfit.models import load
     from kfit.models.scaling import AXES, USUAL, cost_of, rate_of_processes
 
@@ -60,22 +57,17 @@ def run(said: Namespace) -> None:
             rates[count] = rate_of_processes(said.category, count, said.fits)
             bar.advance(task)
     tables = sections(found, rates, USUAL)
-    for table in tables:
-        Console(width=120).print(table.table())
-        print("\n".join(table.notes))
+    show(tables, 120)
     if said.out:
-        how = circumstances(command("scaling", said, parser().get_defaults()), {})
-        machine, versions = how["machine"], ", ".join(f"{name} {number}" for name, number in how["versions"].items())
-        head = f"Made by `{how['command']}`; {versions}; {machine['processor']}, {machine['threads']} threads."
-        lines = ["# How the cost of a fit grows", "", head, "", f"![seconds and memory over each size]({PLOT})", ""]
-        text = "\n".join([*lines, *(line for table in tables for line in table.markdown())])
-        drawn = figure(found)
-        writers: dict[str, Any] = {
-            "README.md": partial(write_text, text=text),
-            PLOT: lambda path: drawn.savefig(path, dpi=110),
-        }
-        for path in write_whole(Path(said.out), writers):
-            print(f"wrote {path}", file=sys.stderr)
+        drawn, repeat = figure(found), command("scaling", said, parser().get_defaults())
+        write_page(
+            said.out,
+            "How the cost of a fit grows",
+            repeat,
+            tables,
+            [f"![seconds and memory over each size]({PLOT})", ""],
+            {PLOT: lambda path: drawn.savefig(path, dpi=110)},
+        )
 
 
 def sections(

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from jsonargparse import ArgumentParser, Namespace
 
 from kfit.cli.bench_accuracy import command, write_text
+from kfit.cli.bench_page import show
 from kfit.cli.speed_page import page, sections
 
 if TYPE_CHECKING:
@@ -111,9 +112,7 @@ def run(said: Namespace) -> None:
 
     rates = {name: matrix_rate(dtype) for name, dtype in (("32", torch.float32), ("bf16", torch.bfloat16))}
     tables = sections(found[DONE], said.timed, found.get("profiles", {}), rates)
-    for table in tables:
-        Console(width=140).print(table.table())
-        print("\n".join(table.notes))
+    show(tables, 140)
     if said.out:
         how = circumstances(command("speed", said, parser().get_defaults()), asked)
         for path in write_whole(Path(said.out), {"README.md": partial(write_text, text=page(tables, how))}):

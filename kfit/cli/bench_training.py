@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import logging
-import sys
 import tempfile
 import warnings
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from jsonargparse import ArgumentParser, Namespace
 
-from kfit.cli.accuracy_page import Section, circumstances
-from kfit.cli.bench_accuracy import command, write_text
+from kfit.cli.accuracy_page import Section
+from kfit.cli.bench_accuracy import command
+from kfit.cli.bench_page import show, write_page
 
 if TYPE_CHECKING:
     from kfit.training.stopwatch import Stopwatch
@@ -43,22 +42,13 @@ def run(said: Namespace) -> None:
     for recipe in said.recipes:
         if not Path(recipe).is_file():
             raise FileNotFoundError(f"there is no recipe {recipe}")
-    from rich.console import Console
-
-    from kfit.core.whole_files import write_whole
-
     with tempfile.TemporaryDirectory() as folder:
         found = {recipe: measured(recipe, said.category, said.steps, folder) for recipe in said.recipes}
     table = section(found)
-    Console(width=120).print(table.table())
-    print("\n".join(table.notes))
+    show([table], 120)
     if said.out:
-        how = circumstances(command("training", said, parser().get_defaults()), {})
-        machine, versions = how["machine"], ", ".join(f"{name} {number}" for name, number in how["versions"].items())
-        head = f"Made by `{how['command']}`; {versions}; {machine['processor']}, {machine['threads']} threads."
-        text = "\n".join(["# What a training step costs", "", head, "", *table.markdown()])
-        for path in write_whole(Path(said.out), {"README.md": partial(write_text, text=text)}):
-            print(f"wrote {path}", file=sys.stderr)
+        repeat = command("training", said, parser().get_defaults())
+        write_page(said.out, "What a training step costs", repeat, [table])
 
 
 def measured(recipe: str, category: str, steps: int, folder: str) -> Stopwatch:

@@ -57,7 +57,17 @@ class Follower:
         if model.pose_head is None:
             raise ValueError(f"follow: the model of {model.card.category} has no pose head, which following rests on")
         self.model, self.seed, self.num_drawn = model, seed, 0
-        self.head, self.says = frozen(model.pose_head), PosePrior(model.pose_head)
+        self.reads, self.says = PosePosterior(model.pose_head), PosePrior(model.pose_head)
+        self.energies, self.proposals = usual_energies(), Told()
+        # Features are too rough for so long differences: with EfficientNet's, Gauss-Newton hardly moves.
+        self.place = FitPipeline(
+            OneDrawing(),
+            {"image": L2(), "silhouette": Silhouette()},
+            [Told(("roll", "shift", "scale"))],
+            GaussNewton(LENGTHS),
+            num_starts=1,
+            num_steps=STEPS,
+        )
         self._start(first)
 
     def _start(self, first: PoseResult) -> None:
@@ -68,25 +78,17 @@ class Follower:
         self.crop, self.drift = first.crop, (0.0, 0.0, 1.0)
         self.camera = torch.from_numpy(first.intrinsics)
         self.bound = frozen(self.model.generator).bind(code=self.code[0])
-        energies = usual_energies()
-        self.proposals = Told()
         self.rank = FitPipeline(
             SimilarityWarp(self.bound),
-            {**{name: energy for name, (energy, _) in energies.items()}, "pose": self.says},
+            {**{name: energy for name, (energy, _) in self.energies.items()}, "pose": self.says},
             [self.proposals],
             GaussNewton({**dict.fromkeys(self.motion, 0.01), **LENGTHS}),
-            weights={**{name: weight for name, (_, weight) in energies.items()}, "pose": self.model.card.pose_weight},
+            weights={
+                **{name: weight for name, (_, weight) in self.energies.items()},
+                "pose": self.model.card.pose_weight,
+            },
             num_starts=2,
             num_steps=0,
-        )
-        # Features are too rough for so long differences: with EfficientNet's, Gauss-Newton hardly moves.
-        self.place = FitPipeline(
-            OneDrawing(),
-            {"image": L2(), "silhouette": Silhouette()},
-            [Told(("roll", "shift", "scale"))],
-            GaussNewton(LENGTHS),
-            num_starts=1,
-            num_steps=STEPS,
         )
         self.usual = first.energy
         self.last = self._told(first.energy, first.mask, first.observation, self._drawn(), anew=True)
@@ -145,7 +147,7 @@ class Follower:
 
     def _read(self, seen: Observation) -> Variables:
         """Azimuth and elevation that what the head says fits best, about its likeliest bin: on a grid, then a finer."""
-        start = PosePosterior(self.head)({}, seen, 1, [])
+        start = self.reads({}, seen, 1, [])
         found = {name: value.to(self.values["azimuth"]) for name, value in start.items()}
         said = self.says.prepare(seen)
         for reach_deg in (8.0, 1.0):

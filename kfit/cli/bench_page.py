@@ -1,0 +1,48 @@
+"""A benchmark's tables on the terminal, and on a page in Markdown."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+
+from kfit.cli.accuracy_page import Section, circumstances
+from kfit.cli.bench_accuracy import write_text
+
+
+def show(tables: Sequence[Section], width: int) -> None:
+    """Print tables, each with its notes."""
+    from rich.console import Console
+
+    for table in tables:
+        Console(width=width).print(table.table())
+        print("\n".join(table.notes))
+
+
+def write_page(
+    out: str,
+    title: str,
+    command: str,
+    tables: Sequence[Section],
+    lines: Sequence[str] = (),
+    files: Mapping[str, Callable[[Path], object]] | None = None,
+) -> None:
+    """Write README.md: title, what it was made by and on, lines, and tables.
+
+    Args:
+        out: folder.
+        title: of the page.
+        command: that repeats it.
+        tables: in order.
+        lines: above them.
+        files: what writes others beside it, by name.
+    """
+    from kfit.core.whole_files import write_whole
+
+    how = circumstances(command, {})
+    machine, versions = how["machine"], ", ".join(f"{name} {number}" for name, number in how["versions"].items())
+    head = f"Made by `{command}`; {versions}; {machine['processor']}, {machine['threads']} threads."
+    text = "\n".join([f"# {title}", "", head, "", *lines, *(line for table in tables for line in table.markdown())])
+    for path in write_whole(Path(out), {"README.md": partial(write_text, text=text), **(files or {})}):
+        print(f"wrote {path}", file=sys.stderr)
