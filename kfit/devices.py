@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import time
 from contextlib import AbstractContextManager
@@ -50,6 +51,18 @@ def compile_networks(*networks: nn.Module, **kwargs: Any) -> bool:
     return True
 
 
+def cores() -> int:
+    """Number of processor cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def on_one_core(worker: int) -> None:
+    """Have one of a `torch.utils.data.DataLoader`'s workers compute with one thread, as there is one a core."""
+    import cv2
+
+    cv2.setNumThreads(0)  # with 1 a forked process waits forever for threads that are its parent's
+
+
 class Operations(TorchDispatchMode):
     """Counts the floating point operations of convolutions and matrix products that run within it.
 
@@ -74,12 +87,30 @@ class Operations(TorchDispatchMode):
         return out
 
 
-def matrix_rate(dtype: torch.dtype, size: int = 2048, repeats: int = 5) -> float:
-    """GFLOP a second of products of square matrices on the CPU, the best of several: what the machine can do."""
-    left, right = (torch.randn(size, size).to(dtype) for _ in range(2))
+def wait(device: str | torch.device) -> None:
+    """Until what a GPU was told to do is done; a CPU is never behind."""
+    if torch.device(device).type == "cuda":
+        torch.cuda.synchronize(device)
+
+
+def matrix_rate(
+    dtype: torch.dtype, device: str | torch.device = "cpu", size: int | None = None, repeats: int = 5
+) -> float:
+    """GFLOP a second of products of square matrices, the best of several: what the machine can do.
+
+    Args:
+        dtype: of the matrices.
+        device: that multiplies them.
+        size: of a side; 2048, on a GPU 8192, unless given.
+        repeats: products that count.
+    """
+    size = size or (2048 if torch.device(device).type == "cpu" else 8192)
+    left, right = (torch.randn(size, size, device=device).to(dtype) for _ in range(2))
     best = 0.0
     for _ in range(repeats + 1):
+        wait(device)
         begun = time.perf_counter()
         left @ right
+        wait(device)
         best = max(best, 2 * size**3 / (time.perf_counter() - begun) / 1e9)
     return best

@@ -21,6 +21,7 @@ ALLOWED = {
     "core": set(),
     "geometry": {"core"},
     **{part: BELOW_PARTS for part in PARTS},
+    "data": BELOW_PARTS | {"devices"},
     "energies": BELOW_PARTS | {"features"},
     "generators": BELOW_PARTS | {"features"},  # the encoders beside them
     # Whole methods, not parts of one: they share VGG16 with the features and NOCS's alignment with the data's readers.

@@ -6,6 +6,7 @@ from jsonargparse import ArgumentParser, Namespace
 
 from kfit.cli import (
     bench_accuracy,
+    bench_dataset,
     bench_energies,
     bench_following,
     bench_optimizers,
@@ -18,6 +19,7 @@ from kfit.cli import (
 
 BENCHMARKS = {
     "accuracy": bench_accuracy,
+    "dataset": bench_dataset,
     "energies": bench_energies,
     "following": bench_following,
     "optimizers": bench_optimizers,

@@ -88,7 +88,7 @@ def run(said: Namespace) -> None:
     from kfit.models.accuracy import unseen_views
 
     device = device_of(said.device)
-    model = load(said.model)
+    model = load(said.model).to(device)
     ways = ways_of(said, model)
     asked = {name: value for name, value in said.items() if name not in ("out", "views", "timed", "repeats")}
     found = _before(said.out, asked)
@@ -110,7 +110,7 @@ def run(said: Namespace) -> None:
             _keep(said.out, asked, found)
     import torch
 
-    rates = {name: matrix_rate(dtype) for name, dtype in (("32", torch.float32), ("bf16", torch.bfloat16))}
+    rates = {name: matrix_rate(dtype, device) for name, dtype in (("32", torch.float32), ("bf16", torch.bfloat16))}
     tables = sections(found[DONE], said.timed, found.get("profiles", {}), rates)
     show(tables, 140)
     if said.out:
@@ -122,7 +122,6 @@ def run(said: Namespace) -> None:
 def ways_of(said: Namespace, model: CategoryModel) -> list[Way]:
     """The released schedule, kfit's, and kfit's with the bundled model where there is one."""
     from kfit.core import Energy
-    from kfit.devices import device_of
     from kfit.models import bundled, load
     from kfit.models.fit_recipe import fit_of
 
@@ -140,10 +139,8 @@ def ways_of(said: Namespace, model: CategoryModel) -> list[Way]:
         Way("kfit", model, model.pipeline(), said.precision, judge=True),
     ]
     if model.card.category in bundled():
-        compact = load(model.card.category)
+        compact = load(model.card.category).to(model.device)
         ways.append(Way("kfit, bundled model", compact, compact.pipeline(), said.precision))
-    for way in ways:
-        way.pipeline.to(device_of(said.device))
     return ways
 
 

@@ -54,12 +54,12 @@ def run(said: Namespace) -> None:
         task = bar.add_task("fitting", total=said.views)
         _, results = rotation_errors(model, views, pipeline, on_batch=lambda done: bar.update(task, completed=done))
     told, right, energy = [], [], []
-    upright = torch.eye(3, dtype=torch.float64)
+    upright, looks = torch.eye(3, dtype=torch.float64), model.looks(views.observation.image)
     fits = (result.of(row) for result in results for row in range(len(result.energy)))
     for number, fit in enumerate(fits):
         if fit.start[0] < 0:
             continue  # there is no answer to be sure of
-        verdict = model.judged(fit, upright, views.observation.image[number : number + 1])
+        verdict = model.judged(fit, upright, None if looks is None else looks[number : number + 1])
         told.append(evidence(verdict.alternatives, verdict.seen))
         # The whole rotation, also of mugs whose handle is hidden: a guess at it is no answer to be sure of.
         error = rotation_error(fitted_rotations(fit.values)[0], views.rotation[number], model.card.known.symmetry)

@@ -112,14 +112,14 @@ def run(said: Namespace) -> None:
     from kfit.callbacks import Progress
     from kfit.devices import device_of, precision
 
-    device = device_of(said.device)
+    model.to(device := device_of(said.device))
     if said.fit is None:
         pipeline = model.pipeline(depth=depth is not None)
     else:
         from kfit.models.fit_recipe import fit_of
 
         pipeline = fit_of(said.fit, model)
-    pipeline.to(device).callbacks.append(Progress())
+    pipeline.callbacks.append(Progress())
     box = None if said.box is None else tuple(said.box)
     with precision(said.precision, device):
         result = model.pose(

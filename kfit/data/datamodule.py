@@ -31,12 +31,20 @@ class ViewPairs(Dataset[dict[str, Tensor]]):
         objects: Which objects to use.
         seed: Chooses the sources.
         epoch: Called for the number of the epoch; each epoch has its own sources.
+        device: Where the views are kept and batches made.
 
     Raises:
         ValueError: If an object has fewer than two views.
     """
 
-    def __init__(self, views: Views, objects: Sequence[int], seed: int, epoch: Callable[[], int] = lambda: 0) -> None:
+    def __init__(
+        self,
+        views: Views,
+        objects: Sequence[int],
+        seed: int,
+        epoch: Callable[[], int] = lambda: 0,
+        device: str | torch.device = "cpu",
+    ) -> None:
         if views.num_views < 2:
             raise ValueError(f"num_views must be at least 2 to make pairs, but is {views.num_views}.")
         chosen = np.asarray(objects, np.int64)
@@ -50,6 +58,9 @@ class ViewPairs(Dataset[dict[str, Tensor]]):
         self.azimuths = torch.from_numpy(pick(views.azimuths).copy())
         self.depth = None if views.depth is None else torch.from_numpy(pick(views.depth))
         self.extents = None if views.extents is None else torch.from_numpy(views.extents[chosen])
+        for name in ("images", "masks", "elevations", "azimuths", "depth", "extents"):
+            held = getattr(self, name)
+            setattr(self, name, None if held is None else held.to(device))
         self._seed, self._epoch = seed, epoch
         self._drawn_for, self._offsets = -1, torch.zeros(0, dtype=torch.long)
 
@@ -69,6 +80,7 @@ class ViewPairs(Dataset[dict[str, Tensor]]):
     def __getitems__(self, indices: Sequence[int]) -> dict[str, Tensor]:
         targets = torch.as_tensor(indices, dtype=torch.long)
         sources = self.sources(targets)
+        targets, sources = (rows.to(self.images.device, non_blocking=True) for rows in (targets, sources))
         batch = {
             "source": self.images[sources].float().div_(255),
             "source_mask": self.masks[sources].unsqueeze(1).float().div_(255),
@@ -97,9 +109,10 @@ def _as_fetched(batch: Any) -> Any:
 class ViewsDataModule(LightningDataModule):
     """Pairs of views for training a generator: procedural objects, meshes on disk, or an existing file of views.
 
-    Views are rendered once into ``cache_dir`` and reused. Validation shows objects of families that training never
-    sees (procedural), or every tenth mesh, or the last objects of an existing file; its pairs are the same each time.
-    Batches are those of ``ViewPairs``.
+    Views are rendered once into ``cache_dir``, by all cores, and reused. They are kept in memory, where a GPU trains in
+    the GPU's, if they take less than half of what is free there: no step waits for its batch. Validation shows objects
+    of families that training never sees (procedural), or every tenth mesh, or the last objects of an existing file; its
+    pairs are the same each time. Batches are those of ``ViewPairs``.
 
     Args:
         category: Procedural category, one of bottle, bowl, camera, can, laptop and mug.
@@ -148,17 +161,17 @@ class ViewsDataModule(LightningDataModule):
             self._build(held_out=True)
 
     def setup(self, stage: str | None = None) -> None:
-        """Load the views into memory, as uint8."""
+        """Load the views into memory, as uint8; on a GPU into the GPU's."""
         if self.train_pairs is not None:
             return
         if self.views is not None:
             views = Views(self.views, self.num_views)
             split = views.num_objects - min(self.num_val_objects, max(1, views.num_objects // 3))
-            self.train_pairs = ViewPairs(views, range(max(split, 1)), self.seed, self._epoch)
+            self.train_pairs = ViewPairs(views, range(max(split, 1)), self.seed, self._epoch, self._home(views))
             self.val_pairs = ViewPairs(views, range(min(split, views.num_objects - 1), views.num_objects), self.seed)
             return
         train, val = Views(self._build(held_out=False)), Views(self._build(held_out=True))
-        self.train_pairs = ViewPairs(train, range(train.num_objects), self.seed, self._epoch)
+        self.train_pairs = ViewPairs(train, range(train.num_objects), self.seed, self._epoch, self._home(train))
         self.val_pairs = ViewPairs(val, range(val.num_objects), self.seed)
 
     def train_dataloader(self) -> DataLoader[dict[str, Tensor]]:
@@ -188,6 +201,15 @@ class ViewsDataModule(LightningDataModule):
 
     def _epoch(self) -> int:
         return self.trainer.current_epoch if self.trainer is not None else 0
+
+    def _home(self, views: Views) -> torch.device:
+        """Where these views are kept while training."""
+        device: torch.device = self.trainer.strategy.root_device if self.trainer is not None else torch.device("cpu")
+        if device.type != "cuda":
+            return torch.device("cpu")
+        held = (views.images, views.masks, views.depth)
+        needed = sum(array.nbytes for array in held if array is not None)
+        return device if 2 * needed < torch.cuda.mem_get_info(device)[0] else torch.device("cpu")
 
     def _build(self, held_out: bool) -> Path:
         """Path of the train or validation views, rendered if they are not there."""

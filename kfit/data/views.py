@@ -6,8 +6,8 @@ import json
 import logging
 import sys
 from collections.abc import Sequence
-from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -15,16 +15,11 @@ from rich.console import Console
 from rich.progress import track
 
 from kfit.data import shapes
-from kfit.data.exposure import with_exposure
-from kfit.data.mesh import Mesh
-from kfit.data.mesh_files import load_mesh
-from kfit.data.rasterizer import DISTANCE, Light, pose_view
+from kfit.data.drawn_objects import DrawnObjects, in_order
+from kfit.data.rasterizer import DISTANCE
 from kfit.geometry import UNIT_FRACTION
 
 _log = logging.getLogger(__name__)
-
-# Objects of one seed are numbered from seed · this, so different seeds share no object.
-_SEED_STRIDE = 1 << 24
 
 
 def build_views(
@@ -73,7 +68,7 @@ def build_views(
             raise ValueError(f"{name} must be at least 1, but is {value}.")
     if elevation_deg[0] > elevation_deg[1]:
         raise ValueError(f"elevation_deg must run from low to high, but is {tuple(elevation_deg)}.")
-    settings: dict[str, object] = {
+    settings: dict[str, Any] = {
         "source": source if isinstance(source, str) else [f"{Path(f).name} {Path(f).stat().st_size}" for f in source],
         "shapes_version": shapes.VERSION,
         "num_objects": num_objects,
@@ -99,30 +94,21 @@ def build_views(
         if "images" not in file:
             _create(file, settings, num_objects, num_views, image_size)
         done = int(file.attrs["num_done"])
+        objects = DrawnObjects(settings, source, range(done, num_objects))
         console = Console(stderr=True, quiet=not sys.stderr.isatty())
         title = f"Rendering {source if isinstance(source, str) else f'{len(source)} meshes'}"
-        for index in track(range(done, num_objects), title, console=console, total=num_objects, completed=done):
-            mesh, light = _object(source, seed, index, held_out)
-            rng = np.random.default_rng([seed, index, int(held_out), 1])
-            elevations = rng.uniform(*elevation_deg, num_views)
-            azimuths = rng.uniform(0, 360, num_views)
-            views = [
-                pose_view(mesh, np.deg2rad(e), np.deg2rad(a), light, image_size, distance, unit_fraction, supersample)
-                for e, a in zip(elevations, azimuths, strict=True)
-            ]
+        drawn = track(in_order(objects), title, console=console, total=num_objects, completed=done)
+        for index, (rgba, depth, poses, extents) in enumerate(drawn, done):
             rows = slice(index * num_views, (index + 1) * num_views)
-            rgba = np.stack([np.concatenate([view.image, view.mask[..., None]], axis=2) for view in views])
-            file["images"][rows] = (rgba * 255 + 0.5).astype(np.uint8)
-            file["depth"][rows] = np.stack([np.where(view.mask > 0, view.depth - distance, 0) for view in views])
-            file["poses"][rows] = np.stack([elevations, azimuths], axis=1)
-            file["extents"][index] = mesh.extents
+            file["images"][rows], file["depth"][rows], file["poses"][rows] = rgba, depth, poses
+            file["extents"][index] = extents
             file.flush()
             file.attrs["num_done"] = index + 1
     partial.replace(path)
     return path
 
 
-def _create(file: h5py.File, settings: dict[str, object], num_objects: int, num_views: int, size: int) -> None:
+def _create(file: h5py.File, settings: dict[str, Any], num_objects: int, num_views: int, size: int) -> None:
     """Lay out the datasets: a chunk an object, so that reading one object reads one chunk."""
     num = num_objects * num_views
     file.create_dataset("images", (num, size, size, 4), np.uint8, chunks=(num_views, size, size, 4), compression="lzf")
@@ -132,19 +118,6 @@ def _create(file: h5py.File, settings: dict[str, object], num_objects: int, num_
     file.attrs["settings"] = json.dumps(settings)
     file.attrs["num_views"] = settings["num_views"]
     file.attrs["num_done"] = 0
-
-
-def _object(source: str | Sequence[str | Path], seed: int, index: int, held_out: bool) -> tuple[Mesh, Light]:
-    if isinstance(source, str):
-        return shapes.build(source, seed * _SEED_STRIDE + index, held_out)
-    light = Light.random(np.random.default_rng([seed, index, int(held_out), 2]))
-    return _from_file(Path(source[index % len(source)])), light
-
-
-@lru_cache(maxsize=16)
-def _from_file(path: Path) -> Mesh:
-    """A mesh ready to draw; few files shown often under several lights are read once."""
-    return with_exposure(load_mesh(path).normalised(), two_sided=None)
 
 
 def _settings_of(path: Path) -> dict[str, object] | None:

@@ -24,7 +24,13 @@ def rotation_from_angles(azimuth: Tensor, elevation: Tensor, roll: Tensor) -> Te
     Returns:
         (…, 3, 3), differentiable everywhere.
     """
-    return _about(2, roll) @ _about(0, elevation) @ _about(1, azimuth)
+    azimuth, elevation, roll = torch.broadcast_tensors(azimuth, elevation, roll)
+    zero = torch.zeros_like(azimuth)
+    axes = (zero, zero, roll, elevation, zero, zero, zero, azimuth, zero)
+    turns = axis_angle_to_rotation_matrix(torch.stack(axes, -1).unflatten(-1, (3, 3)))
+    about_z, about_x, about_y = turns.unbind(-3)
+    turned: Tensor = about_z @ about_x @ about_y
+    return turned
 
 
 def rotation_of(values: Mapping[str, Tensor]) -> Tensor:
@@ -90,9 +96,3 @@ def rotation_error(a: Tensor, b: Tensor, symmetry: Symmetry = "none") -> Tensor:
     sine = (turn - turn.mT).flatten(-2).norm(dim=-1) / 8**0.5
     cosine = (turn.diagonal(dim1=-2, dim2=-1).sum(-1) - 1) / 2
     return torch.atan2(sine, cosine)
-
-
-def _about(axis: int, angle: Tensor) -> Tensor:
-    zero = torch.zeros_like(angle)
-    turned: Tensor = axis_angle_to_rotation_matrix(torch.stack([angle if k == axis else zero for k in range(3)], -1))
-    return turned

@@ -167,11 +167,11 @@ def answer_to(model: CategoryModel, views: UnseenViews, results: list[FitResult]
 def called_ambiguous(model: CategoryModel, views: UnseenViews, results: list[FitResult]) -> Tensor:
     """Whether each view's answer is said to be ambiguous, (N,): what `rotation_errors` found, judged as `pose` does."""
     said: list[bool] = []
-    upright = torch.eye(3, dtype=torch.float64)
+    upright, looks = torch.eye(3, dtype=torch.float64), model.looks(views.observation.image)
     for fit in (result.of(number) for result in results for number in range(len(result.energy))):
-        image = views.observation.image[len(said) : len(said) + 1]
+        seen = None if looks is None else looks[len(said) : len(said) + 1]
         # Where no start was left, nothing is sure.
-        said.append(not len(fit.all_energy) or model.judged(fit, upright, image)[1] is not None)
+        said.append(not len(fit.all_energy) or model.judged(fit, upright, seen)[1] is not None)
     return torch.tensor(said)
 
 

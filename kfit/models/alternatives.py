@@ -64,19 +64,18 @@ def alternatives(fit: FitResult, turn: Tensor, symmetry: Symmetry) -> list[Alter
     return groups[:1] + sorted(groups[1:], key=lambda group: -group.weight)
 
 
-def seen_share(fit: FitResult, image: Tensor, head: PoseNetwork, symmetry: Symmetry) -> float:
+def seen_share(fit: FitResult, looks: Tensor, head: PoseNetwork, symmetry: Symmetry) -> float:
     """Probability that a pose head gives, by the picture alone, to poses within 20° of the answer of one problem.
 
     Args:
         fit: with ``azimuth``, ``elevation`` and ``roll``.
-        image: (1, 3, S, S) that was fitted.
-        head: tells azimuth and elevation; the answer's roll is taken for its own.
+        looks: (A, E) log-probabilities that it saw in the picture.
+        head: whose they are; it tells azimuth and elevation, and the answer's roll is taken for its own.
         symmetry: of the object.
     """
-    with torch.no_grad():
-        share = head(image)[0].double().exp()
-    roll = fit.values["roll"].double()[0]
-    poses = rotation_from_angles(head.azimuths.double()[:, None], head.elevations.double(), roll)
+    share, roll = looks.double().exp(), fit.values["roll"].double()[0]
+    azimuth, elevation = (angles.double().cpu() for angles in (head.azimuths, head.elevations))
+    poses = rotation_from_angles(azimuth[:, None], elevation, roll)
     near = rotation_error(fitted_rotations(fit.values)[0], poses, symmetry).rad2deg() <= WITHIN_DEG
     return float(share[near].sum())
 

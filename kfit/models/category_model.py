@@ -16,6 +16,7 @@ from kfit.core import (
     Callback,
     Encoder,
     Energy,
+    FitError,
     FitResult,
     Generator,
     Initializer,
@@ -70,6 +71,18 @@ class CategoryModel:
     ) -> None:
         self.generator, self.encoder, self.extents, self.card = generator, encoder, extents, card
         self.pose_head = pose_head
+
+    @property
+    def device(self) -> torch.device:
+        """Where its networks compute."""
+        return next(self.encoder.parameters()).device
+
+    def to(self, device: str | torch.device) -> CategoryModel:
+        """Move its networks to a device, where its fits run from then on; returns itself."""
+        for network in (self.generator, self.encoder, self.extents, self.pose_head):
+            if network is not None:
+                network.to(device)
+        return self
 
     @staticmethod
     def of(networks: dict[str, nn.Module], card: Card) -> CategoryModel:
@@ -137,7 +150,7 @@ class CategoryModel:
             num_starts=num_starts,
             num_steps=num_steps,
             num_candidates=(16 if self.pose_head is None else 4) * num_starts,
-        )
+        ).to(self.device)
 
     def pose(
         self,
@@ -177,7 +190,7 @@ class CategoryModel:
         seen = Sighting.of(image, self.card.category, self.image_size, mask, box, intrinsics, depth, segmenter)
         pipeline = pipeline or self.pipeline(depth=depth is not None)
         there: Observation = seen.observation.map(lambda tensor: tensor.to(pipeline.device))
-        return self.answer(pipeline(there, seed=seed).to("cpu"), seen)
+        return self.answer(pipeline(there, seed=seed), seen)
 
     @property
     def image_size(self) -> int:
@@ -195,34 +208,68 @@ class CategoryModel:
             diagonal = diagonal_at(values["distance"], shift, scale, crop, camera, unit)
         return *pose_from_crop(*angles, shift, scale, crop, camera, diagonal, unit), diagonal
 
-    def judged(self, fit: FitResult, turn: Tensor, image: Tensor) -> Verdict:
-        """What the ends of a fit's starts say of the answer of one problem; see `kfit.models.alternatives`."""
+    def looks(self, image: Tensor) -> Tensor | None:
+        """Log-probabilities (N, A, E) of poses, by the looks of pictures (N, 3, S, S), where there is a pose head."""
+        if self.pose_head is None:
+            return None
+        with torch.no_grad():
+            said: Tensor = self.pose_head(image.to(self.device))
+        return said.cpu()
+
+    def judged(self, fit: FitResult, turn: Tensor, looks: Tensor | None) -> Verdict:
+        """What the ends of a fit's starts say of the answer of one problem; see `kfit.models.alternatives`.
+
+        Args:
+            fit: of one problem, on the CPU.
+            turn: (3, 3) from OpenCV axes of the fitted crop to those of the photo.
+            looks: (1, A, E), what `looks` says of the picture.
+        """
         symmetry, head = self.card.known.symmetry, self.pose_head
         found = alternatives(fit, turn, symmetry)
-        seen = None if head is None else seen_share(fit, image, head, symmetry)
+        seen = None if head is None or looks is None else seen_share(fit, looks[0], head, symmetry)
         calibration = self.card.calibration.get("RGB-D" if "distance" in fit.values else "RGB")
         sure, doubt = confidence(calibration, fit, found, seen)
         return Verdict(found, warning(found, seen, symmetry), sure, doubt, seen)
 
     def answer(self, fit: FitResult, seen: Sighting) -> PoseResult:
         """What a fit of one problem says of the object that was seen."""
-        rotation, translation, diagonal = self.placed(fit.values, seen.crop, seen.intrinsics)
+        (answer,) = self.answers(fit, [seen])
+        if answer is None:
+            raise FitError("every start of the fit became NaN or infinite")
+        return answer
+
+    def answers(self, fit: FitResult, seen: Sequence[Sighting]) -> list[PoseResult | None]:
+        """What a fit says of the objects that were seen, one problem each; None where every start failed."""
+        values = {name: value.to(self.device) for name, value in fit.values.items()}
         with torch.no_grad():
-            extents = self.extents(fit.values["code"])[0].double()
+            extents = self.extents(values["code"]).double().cpu()
             warped = SimilarityWarp(self.generator)
-            drawing = warped(**{name: fit.values[name] for name in warped.variables}).image[0].permute(1, 2, 0)
+            drawn = warped(**{name: values[name] for name in warped.variables}).image.movedim(1, -1).cpu()
+        looks = self.looks(torch.cat([one.observation.image for one in seen]))
+        fit = fit.to("cpu")
+        return [
+            self._answer(fit.of(n), one, extents[n], drawn[n], None if looks is None else looks[n : n + 1])
+            if fit.start[n] >= 0
+            else None
+            for n, one in enumerate(seen)
+        ]
+
+    def _answer(
+        self, fit: FitResult, seen: Sighting, extents: Tensor, drawing: Tensor, looks: Tensor | None
+    ) -> PoseResult:
+        rotation, translation, diagonal = self.placed(fit.values, seen.crop, seen.intrinsics)
         # From the crop's virtual camera to the photo's: the same turn for every start, up to their shifts.
         turn = rotation[0] @ to_opencv(fitted_rotations(fit.values))[0].mT
-        verdict = self.judged(fit, turn, seen.observation.image)
-        rows, columns = np.nonzero(seen.mask > 0.5)
-        left, top = int(columns.min()), int(rows.min())
+        verdict = self.judged(fit, turn, looks)
+        rows, columns = (np.flatnonzero((seen.mask > 0.5).any(axis)) for axis in (1, 0))
+        left, top = int(columns[0]), int(rows[0])
         return PoseResult(
             category=self.card.category,
             rotation=rotation[0].numpy(),
             translation=translation[0].numpy(),
             size=(extents * diagonal).numpy(),
             size_from="depth" if "distance" in fit.values else "mean size",
-            bbox_xywh=(left, top, int(columns.max()) + 1 - left, int(rows.max()) + 1 - top),
+            bbox_xywh=(left, top, int(columns[-1]) + 1 - left, int(rows[-1]) + 1 - top),
             energy=float(fit.energy[0]),
             confidence=verdict.confidence,
             ambiguous=verdict.ambiguity is not None,

@@ -16,13 +16,16 @@ from torch import nn
 
 from kfit.core import FitError, Observation
 from kfit.core.check import check_names
+from kfit.devices import cores
 from kfit.geometry import CATEGORIES
 from kfit.models.category_model import CategoryModel
-from kfit.models.fit_data import FitData, ImageToFit, ObjectToFit, Unreadable
+from kfit.models.fit_data import FitData, ImageToFit, Look, Unreadable
 from kfit.models.load import BUNDLED, bundled, load
 from kfit.models.pose_result import PoseResult
 from kfit.models.results_folder import ResultsFolder
 from kfit.models.sighting import Sighting
+
+READERS = 8
 
 
 class DatasetFit(LightningModule):
@@ -93,11 +96,17 @@ class DatasetFit(LightningModule):
         if not self.trainer.is_global_zero:
             self._load(data)
         data.left = agreed
+        data.look = Look({name: model.image_size for name, model in self.models.items()}, self.depth)
+        # A GPU fits faster than one process reads; what it waits for is done beside it.
+        shared = max(1, cores() // self.trainer.world_size - 1)
+        data.num_workers = 0 if self.trainer.strategy.root_device.type == "cpu" else min(READERS, shared)
 
     def on_predict_start(self) -> None:
         """Compute with one thread, so that results do not depend on how many processes share the cores."""
         self._num_threads = torch.get_num_threads()
         torch.set_num_threads(1)
+        for model in self.models.values():
+            model.to(self.device)
 
     def predict_step(self, batch: list[ImageToFit | Unreadable], batch_idx: int) -> int:
         """Fit the objects of some images, those of a category at once, and write the images' results.
@@ -113,13 +122,14 @@ class DatasetFit(LightningModule):
                 warnings.warn(f"there will be no {image.name}: {image.why}", stacklevel=1)
             elif not self.folder.has(image.name):  # by another run, since
                 images.append(image)
-        things = [(image, thing) for image in images for thing in image.objects]
-        answers: dict[int, PoseResult | str] = {}
-        for category in sorted({thing.category for _, thing in things}):
-            group = [(image, thing) for image, thing in things if thing.category == category]
-            answers |= {id(thing): said for (_, thing), said in zip(group, self._fit(category, group), strict=True)}
+        things = [(image, number) for image in images for number in range(len(image.objects))]
+        answers: dict[tuple[str, int], PoseResult | str] = {}
+        for category in sorted({image.objects[number].category for image, number in things}):
+            group = [(image, number) for image, number in things if image.objects[number].category == category]
+            said = self._fit(category, group)
+            answers |= {(image.name, number): one for (image, number), one in zip(group, said, strict=True)}
         for image in images:
-            self._keep(data, image, [answers[id(thing)] for thing in image.objects])
+            self._keep(data, image, [answers[image.name, number] for number in range(len(image.objects))])
         return sum(isinstance(answer, PoseResult) for answer in answers.values())
 
     def on_predict_end(self) -> None:
@@ -167,28 +177,14 @@ class DatasetFit(LightningModule):
         said["precision"] = str(self.trainer.precision)
         return said | {f"model of {name}": _digest(self.files[name]) for name in sorted(self.models)}
 
-    def _fit(self, category: str, things: Sequence[tuple[ImageToFit, ObjectToFit]]) -> list[PoseResult | str]:
+    def _fit(self, category: str, things: Sequence[tuple[ImageToFit, int]]) -> list[PoseResult | str]:
         """Answers for objects of one category, or sentences."""
-        model = self.models.get(category)
-        if model is None:
+        if category not in self.models:
             self.modelless[category] += len(things)
-            return [f"there is {self._no_model} of the category"] * len(things)
-        seen: list[Sighting | str] = []
-        for image, thing in things:
-            try:
-                if self.depth and image.depth is None:
-                    raise ValueError("there is no depth of the image")
-                depth = image.depth if self.depth else None
-                seen.append(
-                    Sighting.of(
-                        image.image, category, model.image_size, thing.mask, intrinsics=image.intrinsics, depth=depth
-                    )
-                )
-            except ValueError as error:
-                seen.append(str(error))
-        there = [(one, thing.key) for one, (_, thing) in zip(seen, things, strict=True) if isinstance(one, Sighting)]
-        answers = iter(self._answers(category, [one for one, _ in there], tuple(key for _, key in there)))
-        return [next(answers) if isinstance(one, Sighting) else one for one in seen]
+        there = [(image.seen[number], image.objects[number].key) for image, number in things]
+        fine = [(one, key) for one, key in there if isinstance(one, Sighting)]
+        answers = iter(self._answers(category, [one for one, _ in fine], tuple(key for _, key in fine)))
+        return [next(answers) if isinstance(one, Sighting) else one for one, _ in there]
 
     def _answers(self, category: str, seen: list[Sighting], keys: tuple[int, ...]) -> list[PoseResult | str]:
         if not seen:
@@ -198,15 +194,11 @@ class DatasetFit(LightningModule):
         ]
         fields = {name: torch.cat([one.observation.field(name) for one in seen]).to(self.device) for name in names}
         try:
-            fit = self.pipelines[category](Observation(**fields, keys=keys), seed=self.seed).to("cpu")
+            fit = self.pipelines[category](Observation(**fields, keys=keys), seed=self.seed)
         except FitError as error:
             return [str(error)] * len(seen)
-        return [
-            self.models[category].answer(fit.of(index), one)
-            if fit.start[index] >= 0
-            else "every start of the fit became NaN or infinite"
-            for index, one in enumerate(seen)
-        ]
+        failed = "every start of the fit became NaN or infinite"
+        return [answer or failed for answer in self.models[category].answers(fit, seen)]
 
     def _keep(self, data: FitData, image: ImageToFit, answers: Sequence[PoseResult | str]) -> None:
         self.counts["objects"] += sum(isinstance(answer, PoseResult) for answer in answers)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import warnings
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,9 @@ from lightning import LightningDataModule
 from numpy.typing import NDArray
 from torch.utils.data import DataLoader, Dataset, DistributedSampler
 
+from kfit.devices import on_one_core
 from kfit.models.pose_result import PoseResult
+from kfit.models.sighting import Sighting
 from kfit.segmentation import Photo
 
 
@@ -46,6 +48,7 @@ class ImageToFit:
         intrinsics: (3, 3), where the data knows them.
         depth: (H, W) in metres, where it was measured.
         source: what the data wants to remember until the result is written.
+        seen: the objects cut out, or sentences why one cannot be; see `Look`.
     """
 
     name: str
@@ -54,6 +57,7 @@ class ImageToFit:
     intrinsics: NDArray[Any] | None = None
     depth: NDArray[Any] | None = None
     source: Any = None
+    seen: list[Sighting | str] = field(default_factory=list)
 
 
 @dataclass
@@ -64,18 +68,51 @@ class Unreadable:
     why: str
 
 
+@dataclass(frozen=True)
+class Look:
+    """Cuts objects out of an image as the models of their categories want them.
+
+    Attributes:
+        sizes: of the pictures that each category's model draws.
+        depth: whether the image's depth is to be used.
+    """
+
+    sizes: Mapping[str, int]
+    depth: bool
+
+    def __call__(self, image: ImageToFit) -> list[Sighting | str]:
+        """Each of the image's objects cut out, or a sentence."""
+        return [self._one(image, thing) for thing in image.objects]
+
+    def _one(self, image: ImageToFit, thing: ObjectToFit) -> Sighting | str:
+        size = self.sizes.get(thing.category)
+        if size is None:
+            return "there is no model" + " that draws depth" * self.depth + " of the category"
+        if self.depth and image.depth is None:
+            return "there is no depth of the image"
+        depth = image.depth if self.depth else None
+        try:
+            return Sighting.of(image.image, thing.category, size, thing.mask, intrinsics=image.intrinsics, depth=depth)
+        except ValueError as error:
+            return str(error)
+
+
 class FitData(LightningDataModule, ABC):
     """A data set that `kfit.models.dataset_fit.DatasetFit` fits; each image has one file for its result.
 
     Attributes:
         categories: of the objects that there may be.
-        left: names of the results that are to be made, the same in all processes; `DatasetFit` sets it.
         batch_size: images that are fitted at once in a process.
+        left: names of the results that are to be made, the same in all processes; `DatasetFit` sets it.
+        look: cuts the objects out; `DatasetFit` sets it.
+        num_workers: processes that read images and cut objects out; `DatasetFit` sets it.
     """
 
     categories: Collection[str]
-    left: Sequence[str] = ()
     batch_size: int = 1
+    left: Sequence[str] = ()
+    look: Look | None = None
+    num_workers: int = 0
 
     def __init__(self) -> None:
         super().__init__()
@@ -109,12 +146,21 @@ class FitData(LightningDataModule, ABC):
 
     def predict_dataloader(self) -> DataLoader[ImageToFit | Unreadable]:
         """What is left, every process's own part of it."""
-        # Images are read far faster than fitted, so Lightning's advice does not apply.
+        # On a CPU images are read far faster than fitted, so Lightning's advice does not apply.
         warnings.filterwarnings("ignore", message=".*does not have many workers.*")
+        warnings.filterwarnings("ignore", message=".*use of fork\\(\\) may lead to deadlocks.*")
         warnings.filterwarnings("ignore", message=".*across ranks is zero.*")
         rank, count = (self.trainer.global_rank, self.trainer.world_size) if self.trainer is not None else (0, 1)
         images = _Images(self, self.left)
-        return DataLoader(images, batch_size=self.batch_size, sampler=_Part(images, count, rank), collate_fn=list)
+        return DataLoader(
+            images,
+            batch_size=self.batch_size,
+            sampler=_Part(images, count, rank),
+            collate_fn=list,
+            num_workers=self.num_workers,
+            prefetch_factor=1 if self.num_workers else None,  # whole batches of photos are large
+            worker_init_fn=on_one_core,
+        )
 
     def transfer_batch_to_device(self, batch: Any, device: torch.device, dataloader_idx: int) -> Any:
         """Images stay where they are; what is cut out of them goes to the device."""
@@ -130,7 +176,9 @@ class _Images(Dataset[ImageToFit | Unreadable]):
 
     def __getitem__(self, index: int) -> ImageToFit | Unreadable:
         try:
-            return self.data.read(self.names[index])
+            image = self.data.read(self.names[index])
+            image.seen = [] if self.data.look is None else self.data.look(image)
+            return image
         except (OSError, ValueError) as error:
             return Unreadable(self.names[index], str(error))
 

@@ -15,7 +15,7 @@ from kfit.pipeline import FitPipeline
 
 
 def fit_of(recipe: str | Path, model: CategoryModel, changes: Sequence[str] = ()) -> FitPipeline:
-    """The fit that a recipe describes, by a model.
+    """The fit that a recipe describes, by a model and where that is.
 
     A recipe holds the arguments of `kfit.FitPipeline` but the generator, each part by its ``class_path``; see
     ``recipes/fit_released.yaml``. The model gives the generator, in `kfit.generators.SimilarityWarp`; its encoder's
@@ -46,7 +46,7 @@ def fit_of(recipe: str | Path, model: CategoryModel, changes: Sequence[str] = ()
     parts.pop("config")
     if all("code" not in initializer.on for initializer in parts["initializers"]):
         parts["initializers"] = [*parts["initializers"], EncoderPosterior(model.encoder)]
-    return FitPipeline(SimilarityWarp(model.generator), **parts)
+    return FitPipeline(SimilarityWarp(model.generator), **parts).to(model.device)
 
 
 def _reason(error: Exception) -> str:

@@ -12,7 +12,7 @@ from typing import Any
 import torch
 
 from kfit.core import FitResult, Observation
-from kfit.devices import Operations
+from kfit.devices import Operations, wait
 from kfit.initializers import Previous
 from kfit.pipeline import FitPipeline
 
@@ -52,10 +52,10 @@ def timed(pipeline: FitPipeline, observation: Observation, seed: int = 0) -> tup
     """
     device = observation.image.device
     _forget_peak(device)
-    _wait(device)
+    wait(device)
     begun = time.perf_counter()
     result = pipeline(observation, seed=seed)
-    _wait(device)
+    wait(device)
     spent = time.perf_counter() - begun
     return result, Cost(spent, result.num_evaluations, _peak(device))
 
@@ -103,11 +103,6 @@ def profile(pipeline: FitPipeline, observation: Observation) -> dict[str, Any]:
         "gflop": counted.total / 1e9,
         "gflop_per_second": counted.total / 1e9 / products,
     }
-
-
-def _wait(device: torch.device) -> None:
-    if device.type == "cuda":
-        torch.cuda.synchronize(device)
 
 
 def _forget_peak(device: torch.device) -> None:

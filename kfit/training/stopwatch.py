@@ -11,7 +11,7 @@ from typing import Any
 import torch
 from lightning.pytorch import Callback, LightningModule, Trainer
 
-from kfit.devices import Operations, matrix_rate
+from kfit.devices import Operations, matrix_rate, wait
 
 
 class Stopwatch(Callback):
@@ -26,6 +26,7 @@ class Stopwatch(Callback):
         pairs: views a step.
         operations: floating point operations of a step's convolutions and products, forwards and backwards.
         precision: of the trainer.
+        device: that trains.
         machine: GFLOP a second of matrix products in it.
     """
 
@@ -35,6 +36,7 @@ class Stopwatch(Callback):
         self._steps: list[float] = []
         self._waits: list[float] = []
         self._begun = self._ended = 0.0
+        self.device = torch.device("cpu")
 
     @property
     def seconds(self) -> float:
@@ -47,7 +49,8 @@ class Stopwatch(Callback):
     def setup(self, trainer: Trainer, pl_module: LightningModule, stage: str) -> None:
         """Count a step's operations, before anything is compiled, and the machine's rate."""
         data: Any = trainer.datamodule  # type: ignore[attr-defined]
-        batch = next(iter(data.train_dataloader()))
+        # The module is on the CPU as yet.
+        batch = {name: value.cpu() for name, value in next(iter(data.train_dataloader())).items()}
         self.pairs = len(batch["source"])
         self.precision = str(trainer.precision)
         with torch.random.fork_rng(), Operations() as counted, _silent(pl_module):
@@ -55,7 +58,8 @@ class Stopwatch(Callback):
             loss.backward()
         pl_module.zero_grad()
         self.operations = counted.total
-        self.machine = matrix_rate(torch.bfloat16 if "bf16" in self.precision else torch.float32)
+        self.device = trainer.strategy.root_device
+        self.machine = matrix_rate(torch.bfloat16 if "bf16" in self.precision else torch.float32, self.device)
 
     def on_train_batch_start(self, trainer: Trainer, pl_module: LightningModule, batch: Any, batch_idx: int) -> None:
         self._begun = time.perf_counter()
@@ -65,6 +69,7 @@ class Stopwatch(Callback):
     def on_train_batch_end(
         self, trainer: Trainer, pl_module: LightningModule, outputs: Any, batch: Any, batch_idx: int
     ) -> None:
+        wait(self.device)
         self._ended = time.perf_counter()
         self._steps.append(self._ended - self._begun)
 

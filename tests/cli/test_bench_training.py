@@ -16,7 +16,7 @@ RECIPES = Path(__file__).parents[2] / "recipes"
 def test_rates_are_of_operations_over_the_whole_step() -> None:
     clock = SimpleNamespace(precision="bf16-mixed", seconds=0.5, waited=0.5, pairs=32, operations=10e9, machine=40.0)
     (row,) = section({"recipes/some.yaml": clock}).rows
-    assert row == ["some", "bf16-mixed", "0.50 s", "64", "50.0 %", "10", "20 GFLOP/s", "50 %"]
+    assert row == ["some", "bf16-mixed", "500.0 ms", "64", "50.0 %", "10", "20 GFLOP/s", "50 %"]
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ import h5py
 import numpy as np
 import pytest
 
-from kfit.data import views as views_module
+from kfit.data import drawn_objects
 from kfit.data.rasterizer import pose_view
 from kfit.data.shapes import build
 from kfit.data.views import Views, build_views
@@ -70,8 +70,8 @@ def test_an_interrupted_build_goes_on_and_gives_the_same_bytes(tmp_path, monkeyp
             raise KeyboardInterrupt
         return original(source, seed, index, held_out)
 
-    original = views_module._object
-    monkeypatch.setattr(views_module, "_object", failing)
+    original = drawn_objects._object
+    monkeypatch.setattr(drawn_objects, "_object", failing)
     with pytest.raises(KeyboardInterrupt):
         build_views(tmp_path / "again.h5", "mug", 3, 2, image_size=24)
     assert not (tmp_path / "again.h5").exists()
@@ -80,6 +80,15 @@ def test_an_interrupted_build_goes_on_and_gives_the_same_bytes(tmp_path, monkeyp
     for name, array in whole.items():
         np.testing.assert_array_equal(array, resumed[name])
     assert not list(tmp_path.glob("*.partial"))
+
+
+def test_several_processes_draw_what_one_draws(tmp_path, monkeypatch):
+    here = contents(build_views(tmp_path / "here.h5", "mug", 5, 2, image_size=24))
+    monkeypatch.setattr(drawn_objects, "_MANY", 1)
+    monkeypatch.setattr(drawn_objects, "cores", lambda: 2)
+    elsewhere = contents(build_views(tmp_path / "elsewhere.h5", "mug", 5, 2, image_size=24))
+    for name, array in here.items():
+        np.testing.assert_array_equal(array, elsewhere[name])
 
 
 def test_a_broken_partial_file_is_started_over(tmp_path):

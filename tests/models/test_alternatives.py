@@ -83,12 +83,12 @@ def test_a_pose_head_warns_where_all_starts_ended_at_one_of_two_poses() -> None:
     picture = torch.ones(1, 3, 8, 8)
     fit = ended([0, 1, 2], [1.0, 1.0, 1.0])
     torn, sure = Says([0.02, 0.02, 0.48, 0.48]), Says([0.02, 0.02, 0.94, 0.02])
-    assert seen_share(fit, picture, torn, "none") == pytest.approx(0.48)
-    said = warning(found(fit), seen_share(fit, picture, torn, "none"), "none")
+    assert seen_share(fit, torn(picture)[0], torn, "none") == pytest.approx(0.48)
+    said = warning(found(fit), seen_share(fit, torn(picture)[0], torn, "none"), "none")
     assert said is not None
     assert "probability of only 48 %" in said
-    assert warning(found(fit), seen_share(fit, picture, sure, "none"), "none") is None
-    assert seen_share(fit, picture, torn, "y") == pytest.approx(1)
+    assert warning(found(fit), seen_share(fit, sure(picture)[0], sure, "none"), "none") is None
+    assert seen_share(fit, torn(picture)[0], torn, "y") == pytest.approx(1)
 
 
 def test_the_answer_carries_spread_and_the_word_of_a_head_that_knows_nothing(tiny_model: CategoryModel) -> None:
@@ -114,7 +114,9 @@ def test_the_bundled_mug_s_head_doubts_hidden_handles_and_seldom_what_shows() ->
             best = int(head(picture).argmax())
         azimuth, elevation = head.azimuths[best // len(head.elevations)], head.elevations[best % len(head.elevations)]
         fit = ended([math.degrees(azimuth)], [1.0], elevation_deg=math.degrees(elevation))
-        told.append(warning(found(fit), seen_share(fit, picture, head, "none"), "none") is not None)
+        looks = model.looks(picture)
+        assert looks is not None
+        told.append(warning(found(fit), seen_share(fit, looks[0], head, "none"), "none") is not None)
         angles = (fit.values[name].double()[0] for name in ("azimuth", "elevation", "roll"))
         right.append(bool(rotation_error(rotation_from_angles(*angles), truth).rad2deg() < 10))
     doubts, sound = torch.tensor(told).double(), torch.tensor(right) & views.visible

@@ -18,6 +18,7 @@ from kfit.data import dump_pickle, load_pickle, read_results, result_files
 from kfit.metrics import evaluate_nocs
 from kfit.models import CategoryModel, load, write_model
 from kfit.models.dataset_fit import DatasetFit
+from kfit.models.fit_data import Look
 from kfit.models.nocs_fit import NOCSFit
 from kfit.models.photo_folder import PhotoFolder
 
@@ -251,6 +252,22 @@ def test_processes_share_the_images_without_repeating_any(nocs, world_size, monk
         data.trainer = type("Trainer", (), {"global_rank": rank, "world_size": world_size})()
         shares += [image.name for batch in data.predict_dataloader() for image in batch]
     assert sorted(shares) == data.left
+
+
+def test_processes_that_read_cut_the_same_out(nocs):
+    data = NOCSFit(nocs, "real_test", batch_size=3)
+    data.left, data.look = data.names(), Look({"mug": 64}, depth=False)
+    found = []
+    for data.num_workers in (0, 2):
+        found.append([image for batch in data.predict_dataloader() for image in batch])
+    assert [image.name for image in found[0]] == data.left
+    for here, there in zip(*found, strict=True):
+        assert len(here.seen) == len(there.seen) == len(here.objects)
+        for one, other in zip(here.seen, there.seen, strict=True):
+            if isinstance(one, str):
+                assert one == other == "there is no model of the category"
+            else:
+                assert torch.equal(one.observation.image, other.observation.image)
 
 
 def test_a_real_photo_s_depth_beside_it_is_used(dev_data, tmp_path):

@@ -1,0 +1,79 @@
+"""Views of many objects, drawn by all cores."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from torch.utils.data import DataLoader, Dataset
+
+from kfit.data import shapes
+from kfit.data.exposure import with_exposure
+from kfit.data.mesh import Mesh
+from kfit.data.mesh_files import load_mesh
+from kfit.data.rasterizer import Light, pose_view
+from kfit.devices import cores, on_one_core
+
+# Objects of one seed are numbered from seed · this, so different seeds share no object.
+_SEED_STRIDE = 1 << 24
+# Pictures to draw from which on other processes help: they take a second or two to start.
+_MANY = 1000
+
+
+class DrawnObjects(Dataset[tuple[np.ndarray, ...]]):
+    """Views of each object, as `kfit.data.views.build_views` draws and keeps them.
+
+    Each is RGB and mask (V, S, S, 4) uint8, depth (V, S, S) relative to the object's centre, elevations and azimuths
+    (V, 2) in degrees, and extents (3,).
+
+    Args:
+        settings: of the build.
+        source: a category or mesh files.
+        indices: which objects.
+    """
+
+    def __init__(self, settings: dict[str, Any], source: str | Sequence[str | Path], indices: range) -> None:
+        self.settings, self.source, self.indices = settings, source, indices
+
+    def __len__(self) -> int:
+        return len(self.indices)
+
+    def __getitem__(self, number: int) -> tuple[np.ndarray, ...]:
+        index, said = self.indices[number], self.settings
+        seed, held_out, count, distance = (said[name] for name in ("seed", "held_out", "num_views", "distance"))
+        low, high = said["elevation_deg"]
+        mesh, light = _object(self.source, seed, index, held_out)
+        rng = np.random.default_rng([seed, index, int(held_out), 1])
+        elevations = rng.uniform(low, high, count)
+        azimuths = rng.uniform(0, 360, count)
+        how = (light, said["image_size"], distance, said["unit_fraction"], said["supersample"])
+        views = [pose_view(mesh, np.deg2rad(e), np.deg2rad(a), *how) for e, a in zip(elevations, azimuths, strict=True)]
+        rgba = np.stack([np.concatenate([view.image, view.mask[..., None]], axis=2) for view in views])
+        depth = np.stack([np.where(view.mask > 0, view.depth - distance, 0) for view in views])
+        return (rgba * 255 + 0.5).astype(np.uint8), depth, np.stack([elevations, azimuths], axis=1), mesh.extents
+
+
+def in_order(objects: DrawnObjects) -> DataLoader[Any]:
+    """The objects one after the other, drawn by other processes where there are many and cores for it."""
+    many = cores() > 1 and len(objects) * objects.settings["num_views"] >= _MANY
+    # They draw and nothing else, so that PyTorch's threads, of which Python warns, do not matter to them.
+    warnings.filterwarnings("ignore", message=".*use of fork\\(\\) may lead to deadlocks.*")
+    workers = cores() if many else 0
+    return DataLoader(objects, batch_size=None, num_workers=workers, collate_fn=tuple, worker_init_fn=on_one_core)
+
+
+def _object(source: str | Sequence[str | Path], seed: int, index: int, held_out: bool) -> tuple[Mesh, Light]:
+    if isinstance(source, str):
+        return shapes.build(source, seed * _SEED_STRIDE + index, held_out)
+    light = Light.random(np.random.default_rng([seed, index, int(held_out), 2]))
+    return _from_file(Path(source[index % len(source)])), light
+
+
+@lru_cache(maxsize=16)
+def _from_file(path: Path) -> Mesh:
+    """A mesh ready to draw; few files shown often under several lights are read once."""
+    return with_exposure(load_mesh(path).normalised(), two_sided=None)
