@@ -8,8 +8,11 @@ import pytest
 import torch
 
 import kfit
+from kfit.core import Observation
+from kfit.data import datamodule
 from kfit.devices import precision
 from kfit.geometry import rotation_error
+from kfit.geometry.pose import rotation_of
 from kfit.models.accuracy import unseen_views
 
 pytestmark = pytest.mark.skipif(not torch.cuda.is_available(), reason="there is no GPU")
@@ -19,20 +22,18 @@ pytestmark = pytest.mark.skipif(not torch.cuda.is_available(), reason="there is 
 def test_a_gpu_finds_the_poses_that_a_cpu_finds(how, within_deg):
     model = kfit.load("laptop")
     seen = unseen_views(model, 6).observation
-    seen = kfit.Observation(seen.image, seen.mask, keys=tuple(range(6)))
+    seen = Observation(seen.image, seen.mask, keys=tuple(range(6)))
     here = model.pipeline()(seen, seed=0)
     model.to("cuda")
     with precision(how, "cuda"):
         there = model.pipeline()(seen.map(lambda tensor: tensor.to("cuda")), seed=0).to("cpu")
     assert here.num_evaluations == there.num_evaluations
-    from kfit.geometry.pose import rotation_of
-
     away = rotation_error(rotation_of(here.values), rotation_of(there.values)).rad2deg()
     assert float(away.median()) < within_deg
 
 
 def test_a_photo_is_answered_on_a_gpu_as_on_a_cpu():
-    model = kfit.load("mug")
+    model = kfit.load("laptop")
     views = unseen_views(model, 1)
     here = model.pose(views.photos[0], mask=views.masks[0])
     there = model.to("cuda").pose(views.photos[0], mask=views.masks[0])
@@ -45,14 +46,14 @@ def test_a_recipe_trains_with_its_views_on_the_gpu(recipe, tmp_path, monkeypatch
     from kfit.cli import lightning
 
     where = set()
-    original = kfit.data.datamodule.ViewPairs.__getitems__
+    original = datamodule.ViewPairs.__getitems__
 
     def watched(self, indices):
         batch = original(self, indices)
         where.add((len(self) > 100, batch["target"].device.type))
         return batch
 
-    monkeypatch.setattr(kfit.data.datamodule.ViewPairs, "__getitems__", watched)
+    monkeypatch.setattr(datamodule.ViewPairs, "__getitems__", watched)
     words = ["fit", "-c", f"recipes/{recipe}.yaml", "--data.category", "mug", "--data.num_objects", "120"]
     words += ["--data.num_val_objects", "2", "--data.cache_dir", str(tmp_path), "--trainer.max_epochs", "1"]
     words += ["--trainer.limit_train_batches", "8", "--trainer.default_root_dir", str(tmp_path)]
