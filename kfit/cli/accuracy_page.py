@@ -128,13 +128,16 @@ def circumstances(command: str, settings: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _processor() -> str:
-    """The processor's name, which Python tells on some systems only."""
+    """The processor's name, which Python tells on some systems only, and that of a GPU beside it."""
+    import torch
+
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
     except OSError:
         lines = []
     named = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return named[0] if named else platform.processor() or platform.machine()
+    name = named[0] if named else platform.processor() or platform.machine()
+    return f"{name} with {torch.cuda.get_device_name()}" if torch.cuda.is_available() else name
 
 
 def page(sections: Sequence[Section], how: Mapping[str, Any], sheets: Sequence[str]) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import sys
 import tempfile
 import time
@@ -65,7 +66,7 @@ def run(said: Namespace) -> None:
             out = Path(folder) / precision
             ends = fitted(photos, out, said, precision, device.type)
             rows.append([precision, *figures(ends, said), *judged(model, views, out)])
-    table = section(rows, str(device) if device.type == "cpu" else _name(device))
+    table = section(rows)
     show([table], 140)
     if said.out:
         write_page(
@@ -106,6 +107,7 @@ def fitted(photos: Path, out: Path, said: Namespace, precision: Any, accelerator
 
     ends: list[float] = []
     warnings.filterwarnings("ignore", message=".*LeafSpec.*")
+    logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
     trainer = Trainer(
         accelerator={"cuda": "gpu"}.get(accelerator, accelerator), devices=1, precision=precision, logger=False,
         enable_checkpointing=False, enable_model_summary=False, callbacks=[Watch()], default_root_dir=out,
@@ -140,20 +142,14 @@ def judged(model: CategoryModel, views: UnseenViews, out: Path) -> list[str]:
     return [f"{float(away.median()):.1f}°", f"{100 * float((away < 10).double().mean()):.0f} %"]
 
 
-def section(rows: list[list[str]], where: str) -> Section:
+def section(rows: list[list[str]]) -> Section:
     """A row for each precision."""
     header = [
         "precision", "first batch, s", "objects a second", "ms an object", f"{REAL275:,} objects, min",
         "rotation error", "< 10°",
     ]  # fmt: skip
     notes = [
-        f"On {where}. From the files to the files, photos and masks being PNGs; REAL275's objects are as many as "
+        "From the files to the files, photos and masks being PNGs; REAL275's objects are as many as "
         "NOCS's detections hold, extrapolated."
     ]
     return Section("Whole data sets", header, rows, notes)
-
-
-def _name(device: Any) -> str:
-    import torch
-
-    return f"one {torch.cuda.get_device_name(device)}" if device.type == "cuda" else str(device)

@@ -156,10 +156,8 @@ class Views:
             with h5py.File(path, "r") as file:
                 data = {name: file[name][()] for name in ("images", "poses", "depth", "extents") if name in file}
                 stated = file.attrs.get("num_views")
-                unfinished = (
-                    "num_done" in file.attrs
-                    and file.attrs["num_done"] != json.loads(file.attrs["settings"])["num_objects"]
-                )
+                ours = "num_done" in file.attrs
+                unfinished = ours and file.attrs["num_done"] != json.loads(file.attrs["settings"])["num_objects"]
         except OSError as error:
             raise ValueError(f"path must name a whole HDF5 file, but {path} cannot be read ({error}).") from error
         for name, ndim in (("images", 4), ("poses", 2)):
@@ -178,7 +176,7 @@ class Views:
             raise ValueError(f"num_views must divide the {len(images)} rows of {path}, but is {views}.")
         self.num_views = int(views)
         self.num_objects = len(images) // self.num_views
-        if images.shape[3] == 4:
+        if images.shape[3] == 4 and not ours:
             images[images[..., 3] == 0, :3] = 255  # white, whatever a released file has left there
         self.images: np.ndarray = images[..., :3]
         self.masks: np.ndarray = (
