@@ -13,7 +13,7 @@ from kfit.energies import SSIM, CodePrior, Silhouette
 from kfit.generators import SimilarityWarp
 from kfit.initializers import Constant, EncoderPosterior, SphereGrid
 from kfit.models.accuracy import unseen_views
-from kfit.models.category_model import RATES
+from kfit.models.usual_fit import RATES
 from kfit.optimizers import Adam
 
 model = kfit.load("laptop")

@@ -54,7 +54,7 @@ def mixes(vgg16: str | None) -> dict[str, Callable[[CategoryModel], Mix]]:
     """
     from kfit.energies import LPIPS, Perceptual
     from kfit.features import VGG16, Activations
-    from kfit.models.category_model import usual_energies
+    from kfit.models.usual_fit import usual_energies
 
     usual = usual_energies()
 

@@ -180,7 +180,7 @@ def pose(category: str, count: int, seed: int) -> Problem:
     from kfit.initializers import Constant, EncoderPosterior, SphereGrid
     from kfit.models import load
     from kfit.models.accuracy import unseen_views
-    from kfit.models.category_model import RATES
+    from kfit.models.usual_fit import RATES
 
     model = load(category)
     views = unseen_views(model, count, seed)

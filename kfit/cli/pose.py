@@ -9,7 +9,7 @@ import json
 import math
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from jsonargparse import ArgumentParser, Namespace
 
@@ -134,11 +134,11 @@ def run(said: Namespace) -> None:
         )
     for note in result.notes:
         print(f"kfit: {note}", file=sys.stderr)
-    overlay = write(result, photo.image, Path(said.out))
+    overlay = write(result, Path(said.out))
     print(json.dumps(result.to_dict()) if said.json else f"{describe(result)} · {overlay}")
 
 
-def write(result: PoseResult, image: Any, folder: Path) -> Path:
+def write(result: PoseResult, folder: Path) -> Path:
     """Write pose.json and overlay.png, both or neither, and return the latter's path."""
     import torch
     from skimage.io import imsave
@@ -150,7 +150,7 @@ def write(result: PoseResult, image: Any, folder: Path) -> Path:
         torch.from_numpy(part) for part in (result.rotation, result.translation, result.size, result.intrinsics)
     )
     picture = draw_overlay(
-        image,
+        result.image,
         rotation,
         translation,
         size,

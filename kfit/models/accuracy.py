@@ -161,7 +161,8 @@ def answer_to(model: CategoryModel, views: UnseenViews, results: list[FitResult]
     fit = [result.of(row) for result in results for row in range(len(result.energy))][number]
     fields = {name: views.observation.field(name)[number : number + 1] for name in FIELDS}
     seen = Observation(**fields, keys=(number,))
-    return model.answer(fit, Sighting(seen, views.masks[number], views.crops[number], views.intrinsics, "given", ()))
+    where = (views.photos[number], views.masks[number], views.crops[number], views.intrinsics)
+    return model.answer(fit, Sighting(seen, *where, "given", ()))
 
 
 def called_ambiguous(model: CategoryModel, views: UnseenViews, results: list[FitResult]) -> Tensor:

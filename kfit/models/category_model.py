@@ -26,8 +26,7 @@ from kfit.core import (
     Schedule,
     Variables,
 )
-from kfit.energies import SSIM, CodePrior, Depth, Perceptual, PosePrior, Silhouette
-from kfit.features import EfficientNetLite0
+from kfit.energies import CodePrior, Depth, PosePrior
 from kfit.generators import ExtentsHead, MetricDepth, SimilarityWarp
 from kfit.geometry import Crop, diagonal_at, pose_from_crop, to_opencv
 from kfit.initializers import Constant, EncoderPosterior, FromDepth, PosePosterior, SphereGrid
@@ -36,18 +35,10 @@ from kfit.models.calibration import confidence
 from kfit.models.card import Card
 from kfit.models.pose_result import PoseResult
 from kfit.models.sighting import Sighting
+from kfit.models.usual_fit import BETAS, CAREFUL, DEPTH_RATES, DEPTH_WEIGHT, RATES, usual_energies
 from kfit.optimizers import Adam
 from kfit.pipeline import FitPipeline
 from kfit.segmentation import Photo, Segmenter
-
-# Raw units a step, as the released code fits (neural_object_fitting@7309348): half-turns for angles.
-RATES = {"code": 0.3, "azimuth": 0.03, "elevation": 0.01, "roll": 0.01, "shift": 0.03, "scale": 0.03}
-# What is left of them after the last step.
-CAREFUL = 0.08
-BETAS = (0.7, 0.95)
-# Where depth is seen: distance in logarithms, the focal length known.
-DEPTH_RATES = {"distance": 0.01, "focal": 0.0}
-DEPTH_WEIGHT = 4.0  # of a box diagonal
 
 
 class CategoryModel:
@@ -277,18 +268,10 @@ class CategoryModel:
             intrinsics=seen.intrinsics.double().numpy(),
             intrinsics_from=seen.intrinsics_from,
             notes=[*seen.notes, *(note for note in (verdict.doubt, verdict.ambiguity) if note is not None)],
+            image=seen.image,
             mask=seen.mask,
             crop=seen.crop,
             observation=seen.observation,
             drawing=drawing.numpy(),
             fit=fit,
         )
-
-
-def usual_energies() -> dict[str, tuple[Energy, float]]:
-    """What compares drawing and photo unless said otherwise, by name and with weights."""
-    return {
-        "perceptual": (Perceptual(EfficientNetLite0()), 1.0),
-        "ssim": (SSIM(), 2.0),
-        "silhouette": (Silhouette(), 5.0),
-    }

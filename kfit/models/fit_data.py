@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from torch.utils.data import DataLoader, Dataset, DistributedSampler
 
 from kfit.devices import on_one_core
+from kfit.models.given import as_photo
 from kfit.models.pose_result import PoseResult
 from kfit.models.sighting import Sighting
 from kfit.segmentation import Photo
@@ -82,9 +83,10 @@ class Look:
 
     def __call__(self, image: ImageToFit) -> list[Sighting | str]:
         """Each of the image's objects cut out, or a sentence."""
-        return [self._one(image, thing) for thing in image.objects]
+        photo = image.image if isinstance(image.image, Photo) else as_photo(image.image)  # the same array for all
+        return [self._one(image, photo, thing) for thing in image.objects]
 
-    def _one(self, image: ImageToFit, thing: ObjectToFit) -> Sighting | str:
+    def _one(self, image: ImageToFit, photo: Photo | NDArray[Any], thing: ObjectToFit) -> Sighting | str:
         size = self.sizes.get(thing.category)
         if size is None:
             return "there is no model" + " that draws depth" * self.depth + " of the category"
@@ -92,7 +94,7 @@ class Look:
             return "there is no depth of the image"
         depth = image.depth if self.depth else None
         try:
-            return Sighting.of(image.image, thing.category, size, thing.mask, intrinsics=image.intrinsics, depth=depth)
+            return Sighting.of(photo, thing.category, size, thing.mask, intrinsics=image.intrinsics, depth=depth)
         except ValueError as error:
             return str(error)
 

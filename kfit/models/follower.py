@@ -18,11 +18,12 @@ from kfit.generators import SimilarityWarp
 from kfit.generators.similarity_warp import warp
 from kfit.geometry import Crop
 from kfit.initializers import PosePosterior
-from kfit.models.category_model import CategoryModel, usual_energies
+from kfit.models.category_model import CategoryModel
 from kfit.models.followed import Followed
 from kfit.models.given import as_photo, choose_mask
 from kfit.models.one_drawing import OneDrawing, Told
 from kfit.models.pose_result import PoseResult
+from kfit.models.usual_fit import usual_energies
 from kfit.optimizers import GaussNewton
 from kfit.pipeline import FitPipeline
 from kfit.segmentation import Photo, mask_in_photo, read_photo

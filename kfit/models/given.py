@@ -28,7 +28,7 @@ def as_photo(image: NDArray[Any]) -> NDArray[np.float32]:
         raise ValueError(f"image must be uint8 or floating point in [0, 1], got {pixels.dtype}")
     if not (np.isfinite(pixels).all() and pixels.min() >= 0 and pixels.max() <= 1):
         raise ValueError(f"image must lie in [0, 1], got numbers from {pixels.min():g} to {pixels.max():g}")
-    return pixels.astype(np.float32)
+    return pixels.astype(np.float32, copy=False)
 
 
 def choose_mask(

@@ -50,6 +50,7 @@ class PoseResult:
         intrinsics: (3, 3) that translation rests on.
         intrinsics_from: "given", "EXIF" or "assumed".
         notes: sentences on what was assumed and what may have gone wrong.
+        image: (H, W, 3) RGB in [0, 1], the photo.
         mask: (H, W) that was used.
         crop: the square that was fitted.
         observation: what was seen in it.
@@ -70,6 +71,7 @@ class PoseResult:
     intrinsics: NDArray[np.float64]
     intrinsics_from: str
     notes: list[str]
+    image: NDArray[np.float32] = field(repr=False)
     mask: NDArray[np.float32] = field(repr=False)
     crop: Crop = field(repr=False)
     observation: Observation = field(repr=False)

@@ -14,9 +14,10 @@ from kfit.energies import CodePrior
 from kfit.generators import RadianceField, SimilarityWarp
 from kfit.initializers import Constant, SphereGrid
 from kfit.models.accuracy import unseen_views
-from kfit.models.category_model import RATES, CategoryModel, usual_energies
+from kfit.models.category_model import CategoryModel
 from kfit.models.load import load
 from kfit.models.speed import Cost, timed
+from kfit.models.usual_fit import RATES, usual_energies
 from kfit.optimizers import Adam
 from kfit.pipeline import FitPipeline
 

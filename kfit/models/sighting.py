@@ -23,6 +23,7 @@ class Sighting:
 
     Attributes:
         observation: one problem for a `kfit.FitPipeline`.
+        image: (H, W, 3) RGB in [0, 1], the whole photo.
         mask: (H, W) that was used.
         crop: the square that the observation shows.
         intrinsics: (3, 3) of the photo.
@@ -31,6 +32,7 @@ class Sighting:
     """
 
     observation: Observation
+    image: NDArray[np.float32]
     mask: NDArray[Any]
     crop: Crop
     intrinsics: Tensor
@@ -76,7 +78,7 @@ class Sighting:
             observation = crop.cut(pixels, found)
         else:
             observation = observed(crop, pixels, found, choose_depth(depth, found), camera.double())
-        return Sighting(observation, found, crop, camera, came_from, tuple(notes))
+        return Sighting(observation, pixels, found, crop, camera, came_from, tuple(notes))
 
 
 def cut_off(mask: NDArray[Any]) -> str | None:

@@ -22,7 +22,7 @@ from kfit.geometry import CATEGORIES, from_opencv, rotation_error, rotation_from
 from kfit.initializers import Constant, EncoderPosterior, FromMask, PosePosterior, SphereGrid
 from kfit.models import CategoryModel
 from kfit.models.accuracy import UnseenViews, rotation_errors, translation_errors
-from kfit.models.category_model import RATES
+from kfit.models.usual_fit import RATES
 from kfit.optimizers import Adam
 
 # Views of which more than the errors is kept, for pictures.
