@@ -32,10 +32,10 @@ ALLOWED = {
     "pipeline": BELOW_PARTS | PARTS | {"devices", "judge", "proposals"},
     "training": BELOW_PARTS | PARTS | {"baselines", "devices", "pipeline"},
     "models": BELOW_MODELS,
-    "reports": BELOW_MODELS,
+    "reports": BELOW_MODELS | {"models"},  # pages of what models answer
     "cli": BELOW_MODELS | {"models", "reports"},
     "__main__": {"cli"},
-    "__init__": {"pipeline", "models"},  # names them lazily
+    "__init__": {"pipeline", "models", "reports"},  # names them lazily
 }
 
 
@@ -96,7 +96,7 @@ def test_core_imports_torch_alone(path):
         ("training", "from kfit import FitPipeline", set()),
         ("data", "from kfit import FitPipeline", {"pipeline"}),
         ("pipeline", "from kfit.training import Jitter", {"training"}),
-        ("reports", "from kfit.models import load", {"models"}),
+        ("models", "from kfit.reports import draw_overlay", {"reports"}),
         ("models", "from kfit import __version__", set()),
         ("models", "import torch, kfitting.cli", set()),
     ],
@@ -117,6 +117,7 @@ def test_importing_kfit_loads_neither_torch_nor_any_part():
 def test_the_names_that_kfit_offers_are_there_and_no_others():
     assert kfit.FitPipeline.__module__ == "kfit.pipeline"
     assert callable(kfit.load)
+    assert callable(kfit.report)
     assert set(kfit.__all__) <= set(dir(kfit))
     with pytest.raises(AttributeError, match="module 'kfit' has no attribute 'nonsense'"):
         kfit.nonsense  # noqa: B018

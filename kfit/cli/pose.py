@@ -7,7 +7,10 @@ from __future__ import annotations
 
 import json
 import math
+import shlex
 import sys
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -79,6 +82,16 @@ def parser() -> ArgumentParser:
         choices=["32", "bf16"],
         help="bf16 draws by bfloat16 convolutions, a fifth faster on a CPU that has them; poses differ by 0.1° or so",
     )
+    parser.add_argument(
+        "--report", type=str, default=None, metavar="FILE.html", help="write a page about the fit as well"
+    )
+    parser.add_argument(
+        "--animation",
+        type=str,
+        default=None,
+        metavar="FILE.gif|FILE.mp4",
+        help="write what the drawing became from step to step as well",
+    )
     parser.add_argument("--out", type=str, default="kfit_out", help="folder to write to", metavar="DIR")
     parser.add_argument("--seed", type=int, default=0, help="decides the random numbers")
     parser.add_argument("--json", action="store_true", help="print the JSON instead of the line")
@@ -86,7 +99,7 @@ def parser() -> ArgumentParser:
 
 
 def run(said: Namespace) -> None:
-    """Answer, write the two files, and print."""
+    """Answer, write the files, and print."""
     if (said.category is None) == (said.model is None):
         raise ValueError("say what the object is: either --category NAME or --model FILE.safetensors")
     if said.mask is not None and (said.box is not None or said.segmenter is not None):
@@ -94,6 +107,8 @@ def run(said: Namespace) -> None:
         raise ValueError(f"--mask and {other} were both given; the object is told by one of them")
     if said.fit is not None and said.depth is not None:
         raise ValueError("--fit and --depth were both given; a recipe fits colour alone")
+    if said.report is not None and Path(said.report).suffix.lower() not in (".html", ".htm"):
+        raise ValueError(f"--report must name an .html file, got {said.report!r}")
     import numpy as np
 
     from kfit.models import load
@@ -109,6 +124,10 @@ def run(said: Namespace) -> None:
     if said.intrinsics is not None:
         fx, fy, cx, cy = said.intrinsics
         camera = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+    if said.animation is not None:
+        from kfit.reports.animation import check_suffix
+
+        check_suffix(said.animation)
     from kfit.callbacks import Progress
     from kfit.devices import device_of, precision
 
@@ -134,12 +153,39 @@ def run(said: Namespace) -> None:
         )
     for note in result.notes:
         print(f"kfit: {note}", file=sys.stderr)
-    overlay = write(result, Path(said.out))
+    overlay = write(result, Path(said.out), pages(result, said))
     print(json.dumps(result.to_dict()) if said.json else f"{describe(result)} · {overlay}")
 
 
-def write(result: PoseResult, folder: Path) -> Path:
-    """Write pose.json and overlay.png, both or neither, and return the latter's path."""
+def pages(result: PoseResult, said: Namespace) -> dict[str, Callable[[Path], object]]:
+    """What writes the page and the animation that were asked for, by absolute path."""
+    writers: dict[str, Callable[[Path], object]] = {}
+    if said.report is not None:
+        from kfit.reports.html_page import report
+
+        writers[str(Path(said.report).absolute())] = partial(report, result, command=command(said))
+    if said.animation is not None:
+        from kfit.reports.animation import animate
+
+        writers[str(Path(said.animation).absolute())] = partial(animate, result)
+    return writers
+
+
+def command(said: Namespace) -> str:
+    """The command line that repeats an answer, with what differs from the defaults."""
+    defaults = parser().get_defaults()
+    words = ["kfit", "pose", said.photo]
+    for option, value in said.items():
+        if option in defaults and option != "photo" and value != defaults[option]:
+            words.append(f"--{option}")
+            words += (
+                [] if value is True else [f"{part:g}" for part in value] if isinstance(value, list) else [str(value)]
+            )
+    return shlex.join(words)
+
+
+def write(result: PoseResult, folder: Path, others: Mapping[str, Callable[[Path], object]]) -> Path:
+    """Write pose.json, overlay.png and others by absolute path, all or none; the path of overlay.png."""
     import torch
     from skimage.io import imsave
 
@@ -160,11 +206,12 @@ def write(result: PoseResult, folder: Path) -> Path:
         mask=result.mask,
         caption=describe(result),
     )
-    _, overlay = write_whole(
+    _, overlay, *_ = write_whole(
         folder,
         {
             "pose.json": lambda path: path.write_text(json.dumps(result.to_dict(), indent=2) + "\n"),
             "overlay.png": lambda path: imsave(path, picture, check_contrast=False),
+            **others,
         },
     )
     return overlay

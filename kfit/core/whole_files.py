@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -16,19 +17,27 @@ def write_whole(folder: Path, files: Mapping[str, Callable[[Path], object]]) -> 
 
     Args:
         folder: where they go; made if it is not there.
-        files: by name, what writes one to the path that it is given. It may find nothing to write.
+        files: by name, or by absolute path for one that goes elsewhere, what writes one to the path that it is given.
+            It may find nothing to write.
 
     Returns:
         Paths of those that were written.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    with TemporaryDirectory(prefix=PARTIAL, dir=folder) as aside:
-        for name, write in files.items():
-            write(Path(aside) / name)
-        made = [name for name in files if (Path(aside) / name).exists()]
-        for name in made:
-            with (Path(aside) / name).open("rb") as written:
-                os.fsync(written.fileno())
-        for name in made:
-            (Path(aside) / name).replace(folder / name)
-    return [folder / name for name in made]
+    places = [folder / name for name in files]  # an absolute path stays what it is
+    with ExitStack() as stack:
+        asides: dict[Path, Path] = {}
+        for parent in dict.fromkeys(place.parent for place in places):
+            parent.mkdir(parents=True, exist_ok=True)
+            # In the same folder, as nothing is moved whole from one file system to another.
+            asides[parent] = Path(stack.enter_context(TemporaryDirectory(prefix=PARTIAL, dir=parent)))
+        written = [asides[place.parent] / place.name for place in places]
+        for path, write in zip(written, files.values(), strict=True):
+            write(path)
+        made = [(path, place) for path, place in zip(written, places, strict=True) if path.exists()]
+        for path, _ in made:
+            with path.open("rb") as complete:
+                os.fsync(complete.fileno())
+        for path, place in made:
+            path.replace(place)
+    return [place for _, place in made]

@@ -23,6 +23,7 @@ from kfit.core import (
     Observation,
     PoseNetwork,
     Prior,
+    Rendering,
     Schedule,
     Variables,
 )
@@ -199,6 +200,14 @@ class CategoryModel:
             diagonal = diagonal_at(values["distance"], shift, scale, crop, camera, unit)
         return *pose_from_crop(*angles, shift, scale, crop, camera, diagonal, unit), diagonal
 
+    def draw(self, values: Variables) -> Rendering:
+        """What N values of a fit look like, on the CPU and without a gradient."""
+        warped = SimilarityWarp(self.generator)
+        with torch.no_grad():
+            drawn = warped(**{name: values[name].to(self.device) for name in warped.variables})
+            on_cpu: Rendering = drawn.map(lambda tensor: tensor.cpu())
+        return on_cpu
+
     def looks(self, image: Tensor) -> Tensor | None:
         """Log-probabilities (N, A, E) of poses, by the looks of pictures (N, 3, S, S), where there is a pose head."""
         if self.pose_head is None:
@@ -231,11 +240,9 @@ class CategoryModel:
 
     def answers(self, fit: FitResult, seen: Sequence[Sighting]) -> list[PoseResult | None]:
         """What a fit says of the objects that were seen, one problem each; None where every start failed."""
-        values = {name: value.to(self.device) for name, value in fit.values.items()}
         with torch.no_grad():
-            extents = self.extents(values["code"]).double().cpu()
-            warped = SimilarityWarp(self.generator)
-            drawn = warped(**{name: values[name] for name in warped.variables}).image.movedim(1, -1).cpu()
+            extents = self.extents(fit.values["code"].to(self.device)).double().cpu()
+        drawn = self.draw(fit.values).image.movedim(1, -1)
         looks = self.looks(torch.cat([one.observation.image for one in seen]))
         fit = fit.to("cpu")
         return [
@@ -274,4 +281,5 @@ class CategoryModel:
             observation=seen.observation,
             drawing=drawing.numpy(),
             fit=fit,
+            draw=self.draw,
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -10,7 +11,7 @@ import torch
 from kornia.geometry.conversions import rotation_matrix_to_quaternion
 from numpy.typing import NDArray
 
-from kfit.core import FitResult, Observation
+from kfit.core import FitResult, Observation, Rendering, Variables
 from kfit.geometry import CATEGORIES, Crop
 
 
@@ -56,6 +57,7 @@ class PoseResult:
         observation: what was seen in it.
         drawing: (S, S, 3) the winner's picture.
         fit: everything about the fit.
+        draw: draws N values of the fit, such as those of a start over the steps.
     """
 
     category: str
@@ -77,6 +79,7 @@ class PoseResult:
     observation: Observation = field(repr=False)
     drawing: NDArray[np.float32] = field(repr=False)
     fit: FitResult = field(repr=False)
+    draw: Callable[[Variables], Rendering] = field(repr=False)
 
     @property
     def quaternion_wxyz(self) -> NDArray[np.float64]:

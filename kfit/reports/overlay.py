@@ -68,7 +68,8 @@ def draw_overlay(
     # Pixel centres are at integers, so it is the picture's corner at −1/2 that stays where it is.
     move = torch.tensor([[factor, 0, factor / 2 - 0.5], [0, factor, factor / 2 - 0.5], [0, 0, 1]], dtype=torch.float64)
     _draw_pose(photo, rotation, translation, size, move @ intrinsics.detach().cpu().double(), thick)
-    _write(photo, "photo", thick)
+    if seen is not None or drawing is not None:
+        _write(photo, "photo", thick)
     side = max(160, photo.shape[0] // 2)
     panels = []
     for label, picture in (("seen", seen), ("fitted", drawing)):
@@ -109,7 +110,9 @@ def _draw_pose(
 def _draw_outline(photo: Picture, mask: NDArray[np.float32], thick: float) -> None:
     large = cv2.resize(mask, (photo.shape[1], photo.shape[0]), interpolation=cv2.INTER_LINEAR)
     outlines, _ = cv2.findContours((large > 0.5).astype(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
-    cv2.polylines(photo, outlines, True, OUTLINE, max(1, round(thick / 2)), cv2.LINE_AA)
+    line = max(1, round(thick / 2))
+    cv2.polylines(photo, outlines, True, INK, line + 2, cv2.LINE_AA)  # a dark rim, for white objects
+    cv2.polylines(photo, outlines, True, OUTLINE, line, cv2.LINE_AA)
 
 
 def _line(picture: Picture, start: Tensor, end: Tensor, colour: Colour, thick: float) -> None:

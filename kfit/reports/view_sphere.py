@@ -1,0 +1,128 @@
+"""Where the camera sits around the object, by the answer and by its alternatives."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import matplotlib
+import numpy as np
+import torch
+from markupsafe import Markup
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from torch import Tensor
+
+from kfit.geometry import CATEGORIES, EDGES, box_corners, rotation_from_angles
+from kfit.models import PoseResult
+from kfit.reports.inline_svg import ACCENT, INK, MUTED, PAPER, STYLE, inline_svg
+
+Points = NDArray[np.float64]
+
+# Area in square points of a pose that has all the weight, and what one with hardly any is still given.
+AREA, LEAST = 900.0, 30.0
+LABELLED = 4  # poses at most, the heaviest
+BOX, AXES = "#e09a00", (("x", "#e62828"), ("y", "#1eaa3c"), ("z", "#4a7dff"))
+
+
+def camera_angles(rotation: NDArray[np.float64], translation: NDArray[np.float64]) -> tuple[float, float]:
+    """Azimuth and elevation in degrees of the camera, about the object.
+
+    It sits at −Rᵀt in the object's axes, of which y points up: (−cos e sin a, sin e, cos e cos a) times its distance.
+    """
+    x, y, z = -rotation.T @ translation
+    return math.degrees(math.atan2(-x, z)), math.degrees(math.atan2(y, math.hypot(x, z)))
+
+
+def view_sphere(result: PoseResult) -> Markup:
+    """Draw the sphere of views as seen from outside, turned so that the answer is in front.
+
+    A disc a pose, its area by its weight, the answer's in the colour of emphasis; hollow ones are on the far side. In
+    the middle lie the object's box and axes. For an object that looks the same turned about y, circles are the views
+    that differ by such a turn.
+    """
+    places = [camera_angles(found.rotation, result.translation) for found in result.alternatives]
+    turned, above = places[0]
+    # A camera at azimuth a sees the object turned by a; this onlooker stands beside the answer's and higher.
+    onlooker = rotation_from_angles(*torch.tensor([turned + 30, min(max(above, 0) / 2 + 20, 60), 0]).double().deg2rad())
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(4.6, 4.6))
+        plot = figure.add_axes((0, 0, 1, 1))
+        plot.set(xlim=(-1.22, 1.22), ylim=(-1.22, 1.22), aspect="equal")
+        plot.axis("off")
+        _globe(plot, onlooker)
+        _object(plot, onlooker, torch.from_numpy(result.size))
+        if CATEGORIES[result.category].symmetry == "y":
+            for found, (_, elevation) in zip(result.alternatives, places, strict=True):
+                colour = ACCENT if found is result.alternatives[0] else INK
+                _circle(plot, onlooker, _around(elevation), colour, 1.6, 1.0, 0.35)
+        _poses(plot, onlooker, places, [found.weight for found in result.alternatives])
+        told = ", ".join(
+            f"azimuth {azimuth:.0f}° and elevation {elevation:.0f}° with {100 * found.weight:.0f} % of the weight"
+            for found, (azimuth, elevation) in zip(result.alternatives[:LABELLED], places, strict=False)
+        )
+        return inline_svg(figure, f"Sphere of views about the object; the camera is at {told}")
+
+
+def _poses(plot: Axes, onlooker: Tensor, places: Sequence[tuple[float, float]], weights: Sequence[float]) -> None:
+    seen = _seen(onlooker, torch.stack([_on_sphere(*place) for place in places]))
+    labelled = sorted(range(len(weights)), key=lambda k: -weights[k])[:LABELLED]
+    for k in reversed(range(len(places))):
+        x, y, near = seen[k]
+        colour, area = ACCENT if k == 0 else INK, LEAST + AREA * weights[k]
+        face, edge = (colour, PAPER) if near >= 0 else (PAPER, colour)
+        # One that a larger one covers stays visible through it.
+        plot.scatter(x, y, s=area, alpha=0.85, lw=1.6, zorder=5 + (near >= 0), facecolor=face, edgecolor=edge)
+        if k == 0 or k in labelled:
+            name = "answer, " if k == 0 else ""
+            below = y - math.sqrt(area / math.pi) / (0.5 * 72 * 4.6 / 1.22) - 0.03
+            plot.text(x, below, f"{name}{100 * weights[k]:.0f} %", color=colour, ha="center", va="top", zorder=8)
+
+
+def _globe(plot: Axes, onlooker: Tensor) -> None:
+    rim = np.linspace(0, 2 * math.pi, 181)
+    plot.fill(np.cos(rim), np.sin(rim), color=MUTED, alpha=0.07, lw=0)
+    plot.plot(np.cos(rim), np.sin(rim), color=MUTED, lw=1)
+    for elevation in (-60, -30, 0, 30, 60):
+        _circle(plot, onlooker, _around(elevation), MUTED, 1.4 if elevation == 0 else 0.7, 0.7, 0.18)
+    for azimuth in range(0, 360, 30):
+        line = torch.stack([_on_sphere(azimuth, elevation) for elevation in range(-90, 91, 3)])
+        _circle(plot, onlooker, line, MUTED, 0.7, 0.7, 0.18)
+
+
+def _object(plot: Axes, onlooker: Tensor, size: Tensor) -> None:
+    size = 0.62 * size / size.norm()
+    corners = _seen(onlooker, box_corners(torch.eye(3).double(), torch.zeros(3).double(), size))
+    edges = corners[np.array(EDGES)]
+    far = (edges == corners[corners[:, 2].argmin()]).all(-1).any(1)
+    plot.add_collection(LineCollection(list(edges[..., :2]), colors=BOX, lw=1.3, alpha=np.where(far, 0.35, 1.0)))
+    tips = _seen(onlooker, 0.45 * torch.eye(3).double())
+    for k in tips[:, 2].argsort():
+        name, colour = AXES[k]
+        plot.plot([0, tips[k, 0]], [0, tips[k, 1]], color=colour, lw=2)
+        plot.text(1.18 * tips[k, 0], 1.18 * tips[k, 1], name, color=colour, ha="center", va="center", weight="bold")
+
+
+def _circle(plot: Axes, onlooker: Tensor, line: Tensor, colour: str, width: float, strong: float, faint: float) -> None:
+    """A line on the sphere, faint where it is on the far side."""
+    seen = _seen(onlooker, line)
+    pieces = np.stack([seen[:-1], seen[1:]], 1)
+    alpha = np.where(pieces[..., 2].mean(1) >= 0, strong, faint)
+    plot.add_collection(LineCollection(list(pieces[..., :2]), colors=colour, lw=width, alpha=alpha))
+
+
+def _around(elevation: float) -> Tensor:
+    return torch.stack([_on_sphere(azimuth, elevation) for azimuth in range(0, 361, 4)])
+
+
+def _on_sphere(azimuth: float, elevation: float) -> Tensor:
+    a, e = math.radians(azimuth), math.radians(elevation)
+    return torch.tensor([-math.cos(e) * math.sin(a), math.sin(e), math.cos(e) * math.cos(a)], dtype=torch.float64)
+
+
+def _seen(onlooker: Tensor, points: Tensor) -> Points:
+    """Points (N, 3) in the object's axes as the onlooker sees them: right, up and towards them."""
+    seen: Points = (points @ onlooker.mT).numpy()
+    return seen
