@@ -110,8 +110,9 @@ def _draw_pose(
 def _draw_outline(photo: Picture, mask: NDArray[np.float32], thick: float) -> None:
     large = cv2.resize(mask, (photo.shape[1], photo.shape[0]), interpolation=cv2.INTER_LINEAR)
     outlines, _ = cv2.findContours((large > 0.5).astype(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
-    line = max(1, round(thick / 2))
-    cv2.polylines(photo, outlines, True, INK, line + 2, cv2.LINE_AA)  # a dark rim, for white objects
+    rim, line = photo.copy(), max(1, round(thick))
+    cv2.polylines(rim, outlines, True, INK, line + 2, cv2.LINE_AA)  # or it is lost on a white object
+    cv2.addWeighted(rim, 0.6, photo, 0.4, 0, dst=photo)
     cv2.polylines(photo, outlines, True, OUTLINE, line, cv2.LINE_AA)
 
 

@@ -23,6 +23,7 @@ Points = NDArray[np.float64]
 
 # Area in square points of a pose that has all the weight, and what one with hardly any is still given.
 AREA, LEAST = 900.0, 30.0
+SIDE, REACH = 4.6, 1.12  # of the picture, in inches and in radii of the sphere
 LABELLED = 4  # poses at most, the heaviest
 BOX, AXES = "#e09a00", (("x", "#e62828"), ("y", "#1eaa3c"), ("z", "#4a7dff"))
 
@@ -48,9 +49,9 @@ def view_sphere(result: PoseResult) -> Markup:
     # A camera at azimuth a sees the object turned by a; this onlooker stands beside the answer's and higher.
     onlooker = rotation_from_angles(*torch.tensor([turned + 30, min(max(above, 0) / 2 + 20, 60), 0]).double().deg2rad())
     with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(4.6, 4.6))
+        figure = Figure(figsize=(SIDE, SIDE))
         plot = figure.add_axes((0, 0, 1, 1))
-        plot.set(xlim=(-1.22, 1.22), ylim=(-1.22, 1.22), aspect="equal")
+        plot.set(xlim=(-REACH, REACH), ylim=(-REACH, REACH), aspect="equal")
         plot.axis("off")
         _globe(plot, onlooker)
         _object(plot, onlooker, torch.from_numpy(result.size))
@@ -68,6 +69,7 @@ def view_sphere(result: PoseResult) -> Markup:
 
 def _poses(plot: Axes, onlooker: Tensor, places: Sequence[tuple[float, float]], weights: Sequence[float]) -> None:
     seen = _seen(onlooker, torch.stack([_on_sphere(*place) for place in places]))
+    plot.plot([0, seen[0, 0]], [0, seen[0, 1]], color=ACCENT, lw=1.2, ls=(0, (3, 3)))
     labelled = sorted(range(len(weights)), key=lambda k: -weights[k])[:LABELLED]
     for k in reversed(range(len(places))):
         x, y, near = seen[k]
@@ -77,8 +79,10 @@ def _poses(plot: Axes, onlooker: Tensor, places: Sequence[tuple[float, float]], 
         plot.scatter(x, y, s=area, alpha=0.85, lw=1.6, zorder=5 + (near >= 0), facecolor=face, edgecolor=edge)
         if k == 0 or k in labelled:
             name = "answer, " if k == 0 else ""
-            below = y - math.sqrt(area / math.pi) / (0.5 * 72 * 4.6 / 1.22) - 0.03
-            plot.text(x, below, f"{name}{100 * weights[k]:.0f} %", color=colour, ha="center", va="top", zorder=8)
+            # Away from the middle, where the object is.
+            way, va = (1, "bottom") if y >= 0 else (-1, "top")
+            beside = y + way * (math.sqrt(area / math.pi) / (36 * SIDE / REACH) + 0.03)
+            plot.text(x, beside, f"{name}{100 * weights[k]:.0f} %", color=colour, ha="center", va=va, zorder=8)
 
 
 def _globe(plot: Axes, onlooker: Tensor) -> None:

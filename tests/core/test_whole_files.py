@@ -34,3 +34,15 @@ def test_one_that_fails_leaves_all_as_they_were(tmp_path):
 def test_what_finds_nothing_to_write_is_left_out(tmp_path):
     assert write_whole(tmp_path, {"one": lambda path: None}) == []
     assert not list(tmp_path.iterdir())
+
+
+def test_an_absolute_path_is_written_where_it_says(tmp_path):
+    elsewhere = tmp_path / "c" / "two"
+    assert write_whole(tmp_path / "a", {"one": _says("1"), str(elsewhere): _says("2")}) == [
+        tmp_path / "a/one",
+        elsewhere,
+    ]
+    assert elsewhere.read_text() == "2"
+    with pytest.raises(OSError, match="no space"):
+        write_whole(tmp_path / "a", {str(elsewhere): _says("new"), "one": _fails})
+    assert sorted(p.read_text() for p in tmp_path.rglob("*") if p.is_file()) == ["1", "2"]
