@@ -104,11 +104,9 @@ def depth_from_file(path: str | Path, shape: tuple[int, int]) -> NDArray[np.floa
         if not Path(path).exists():
             raise FileNotFoundError(f"there is no file {path}")
         try:
-            metres = np.load(path, mmap_mode="r", allow_pickle=False)
+            metres = np.lib.format.open_memmap(path, mode="r")  # `np.load` would open zips too
         except (ValueError, OSError, EOFError) as error:
             raise ValueError(f"depth {path} is damaged or no array of numbers") from error
-        if not isinstance(metres, np.ndarray):  # of a zip NumPy makes something else, whatever the file is called
-            raise ValueError(f"depth {path} is damaged or no array of numbers")
         if metres.ndim != 2 or metres.dtype.kind != "f":
             raise ValueError(
                 f"depth {path} must hold (H, W) metres of floating point, got {metres.shape} {metres.dtype}"
