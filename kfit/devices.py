@@ -56,6 +56,14 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
+def memory() -> int:
+    """Bytes of the machine's memory, where the system tells them; else 64 GB."""
+    try:
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, ValueError, OSError):
+        return 64 * 1024**3
+
+
 def on_one_core(worker: int) -> None:
     """Have one of a `torch.utils.data.DataLoader`'s workers compute with one thread, as there is one a core."""
     import cv2

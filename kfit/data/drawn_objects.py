@@ -36,7 +36,7 @@ class DrawnObjects(Dataset[tuple[np.ndarray, ...]]):
         indices: which objects.
     """
 
-    def __init__(self, settings: dict[str, Any], source: str | Sequence[str | Path], indices: range) -> None:
+    def __init__(self, settings: dict[str, Any], source: str | Sequence[str | Path], indices: Sequence[int]) -> None:
         self.settings, self.source, self.indices = settings, source, indices
 
     def __len__(self) -> int:

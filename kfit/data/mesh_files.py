@@ -13,6 +13,9 @@ from kfit.data.mesh import Mesh, join
 
 _SUFFIXES = (".obj", ".glb", ".ply")
 _MAX_TEXTURE = 1024
+_LARGEST_FILE = 2 * 1024**3
+# Squares of coordinates up to here are finite in single precision.
+_FARTHEST = 1e15
 
 
 def find_meshes(folder: str | Path) -> list[Path]:
@@ -52,6 +55,8 @@ def load_mesh(path: str | Path) -> Mesh:
         raise FileNotFoundError(f"path must name a mesh file, but {path} does not exist.")
     if path.suffix.lower() not in _SUFFIXES:
         raise ValueError(f"path must end in .obj, .glb or .ply, but is {path}.")
+    if path.stat().st_size > _LARGEST_FILE:
+        raise ValueError(f"path must name a file of at most 2 GB, but {path} has {path.stat().st_size:,} bytes.")
     try:
         # Scans may hold undefined texture coordinates, of which numpy warns while they are read.
         with np.errstate(all="ignore"), warnings.catch_warnings():
@@ -62,6 +67,9 @@ def load_mesh(path: str | Path) -> Mesh:
         raise ValueError(f"path must hold a readable mesh, but {path} does not ({error}).") from error
     if not geometries:
         raise ValueError(f"path must hold triangles, but {path} has none.")
+    largest = max(float(np.abs(geometry.vertices).max()) for geometry in geometries)
+    if not largest < _FARTHEST:
+        raise ValueError(f"path must hold finite vertices, but {path} has one at {largest:g}.")
     return join([_part(geometry) for geometry in geometries])
 
 

@@ -14,9 +14,12 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track
 
+from kfit.core.whole_files import write_whole
 from kfit.data import shapes
 from kfit.data.drawn_objects import DrawnObjects, in_order
 from kfit.data.rasterizer import DISTANCE
+from kfit.data.view_parts import FIELDS, ViewParts
+from kfit.devices import memory
 from kfit.geometry import UNIT_FRACTION
 
 _log = logging.getLogger(__name__)
@@ -44,7 +47,7 @@ def build_views(
     object's numbers depend on ``seed`` and its own index alone.
 
     A finished file with the same settings is used as it is, one with others is replaced with a word in the log. An
-    interrupted build goes on from the last finished object.
+    interrupted build goes on where it stood, and processes that build the same file at once end with one whole file.
 
     Args:
         path: The file to write.
@@ -82,42 +85,55 @@ def build_views(
         "supersample": supersample,
     }
     path = Path(path)
+    if _finished(path, settings):
+        return path
     if path.exists():
-        if _settings_of(path) == settings:
-            return path
         _log.warning("%s was built with other settings and is built anew.", path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(path.name + ".partial")
-    if partial.exists() and _settings_of(partial) != settings:
-        partial.unlink()
-    with h5py.File(partial, "a") as file:
-        if "images" not in file:
-            _create(file, settings, num_objects, num_views, image_size)
-        done = int(file.attrs["num_done"])
-        objects = DrawnObjects(settings, source, range(done, num_objects))
-        console = Console(stderr=True, quiet=not sys.stderr.isatty())
-        title = f"Rendering {source if isinstance(source, str) else f'{len(source)} meshes'}"
-        drawn = track(in_order(objects), title, console=console, total=num_objects, completed=done)
-        for index, (rgba, depth, poses, extents) in enumerate(drawn, done):
-            rows = slice(index * num_views, (index + 1) * num_views)
-            file["images"][rows], file["depth"][rows], file["poses"][rows] = rgba, depth, poses
-            file["extents"][index] = extents
-            file.flush()
-            file.attrs["num_done"] = index + 1
-    partial.replace(path)
+    parts = ViewParts(path.with_name(path.name + ".partial"), settings)
+    while not _finished(path, settings):
+        _draw(parts, source)
+        try:
+            write_whole(path.parent, {path.name: lambda place: _join(place, parts)})
+        except FileNotFoundError:  # another process was done first and has removed the parts, or one was damaged
+            continue
+    parts.remove()
     return path
 
 
-def _create(file: h5py.File, settings: dict[str, Any], num_objects: int, num_views: int, size: int) -> None:
-    """Lay out the datasets: a chunk an object, so that reading one object reads one chunk."""
-    num = num_objects * num_views
-    file.create_dataset("images", (num, size, size, 4), np.uint8, chunks=(num_views, size, size, 4), compression="lzf")
-    file.create_dataset("depth", (num, size, size), np.float16, chunks=(num_views, size, size), compression="lzf")
-    file.create_dataset("poses", (num, 2), np.float32)
-    file.create_dataset("extents", (num_objects, 3), np.float32)
-    file.attrs["settings"] = json.dumps(settings)
-    file.attrs["num_views"] = settings["num_views"]
-    file.attrs["num_done"] = 0
+def _finished(path: Path, settings: dict[str, Any]) -> bool:
+    return path.exists() and _settings_of(path) == settings
+
+
+def _draw(parts: ViewParts, source: str | Sequence[str | Path]) -> None:
+    """Draw the parts that are missing."""
+    missing, total = parts.missing(), int(parts.settings["num_objects"])
+    indices = [index for part in missing for index in parts.objects(part)]
+    console = Console(stderr=True, quiet=not sys.stderr.isatty())
+    title = f"Rendering {source if isinstance(source, str) else f'{len(source)} meshes'}"
+    drawn = in_order(DrawnObjects(parts.settings, source, indices))
+    tracked = iter(track(drawn, title, console=console, total=total, completed=total - len(indices)))
+    for part in missing:
+        parts.write(part, [next(tracked) for _ in parts.objects(part)])
+
+
+def _join(path: Path, parts: ViewParts) -> None:
+    """Write the file: a chunk an object, so that reading one object reads one chunk."""
+    settings = parts.settings
+    objects, views, size = (int(settings[name]) for name in ("num_objects", "num_views", "image_size"))
+    num = objects * views
+    with h5py.File(path, "w") as file:
+        file.create_dataset("images", (num, size, size, 4), np.uint8, chunks=(views, size, size, 4), compression="lzf")
+        file.create_dataset("depth", (num, size, size), np.float16, chunks=(views, size, size), compression="lzf")
+        file.create_dataset("poses", (num, 2), np.float32)
+        file.create_dataset("extents", (objects, 3), np.float32)
+        for part, arrays in parts.read():
+            rows = slice(part.start * views, part.stop * views)
+            for name in ("images", "depth", "poses"):
+                file[name][rows] = arrays[name].reshape(-1, *arrays[name].shape[2:])
+            file["extents"][part.start : part.stop] = arrays["extents"]
+        file.attrs["settings"] = json.dumps(settings)
+        file.attrs["num_views"] = views
+        file.attrs["num_done"] = objects
 
 
 def _settings_of(path: Path) -> dict[str, object] | None:
@@ -154,11 +170,11 @@ class Views:
             raise FileNotFoundError(f"path must name a file of views, but {path} does not exist.")
         try:
             with h5py.File(path, "r") as file:
-                data = {name: file[name][()] for name in ("images", "poses", "depth", "extents") if name in file}
+                there = [name for name in FIELDS if file.get(name, getlink=True) is not None]
+                data = {name: _read(file, name, path) for name in there}
                 stated = file.attrs.get("num_views")
                 ours = "num_done" in file.attrs
-                unfinished = ours and file.attrs["num_done"] != json.loads(file.attrs["settings"])["num_objects"]
-        except OSError as error:
+        except (OSError, KeyError, RuntimeError) as error:
             raise ValueError(f"path must name a whole HDF5 file, but {path} cannot be read ({error}).") from error
         for name, ndim in (("images", 4), ("poses", 2)):
             if name not in data or data[name].ndim != ndim:
@@ -167,12 +183,11 @@ class Views:
         images, poses = data["images"], data["poses"]
         if images.dtype != np.uint8 or images.shape[3] not in (3, 4):
             raise ValueError(f"images must be (N, H, W, 3 or 4) uint8, but {path} has {images.shape} {images.dtype}.")
-        if poses.shape != (len(images), 2):
-            raise ValueError(f"poses must be ({len(images)}, 2), but {path} has {poses.shape}.")
-        if unfinished:
-            raise ValueError(f"path must name a finished file of views, but the build of {path} was interrupted.")
-        views = stated if stated is not None else num_views
-        if views is None or len(images) == 0 or len(images) % int(views):
+        if poses.shape != (len(images), 2) or not np.isfinite(poses).all():
+            raise ValueError(f"poses must be ({len(images)}, 2) finite degrees, but {path} has {poses.shape}.")
+        views: Any = stated if stated is not None else num_views
+        whole = isinstance(views, int | np.integer) and views > 0 and len(images) > 0
+        if not whole or len(images) % int(views):
             raise ValueError(f"num_views must divide the {len(images)} rows of {path}, but is {views}.")
         self.num_views = int(views)
         self.num_objects = len(images) // self.num_views
@@ -183,5 +198,23 @@ class Views:
             images[..., 3] if images.shape[3] == 4 else np.where((images < 250).any(-1), 255, 0).astype(np.uint8)
         )
         self.elevations, self.azimuths = np.deg2rad(poses.astype(np.float32)).T
+        expected = {"depth": images.shape[:3], "extents": (self.num_objects, 3)}
+        for name, shape in expected.items():
+            if name in data and data[name].shape != shape:
+                raise ValueError(f"{name} must have shape {shape}, but {path} has {data[name].shape}.")
         self.depth: np.ndarray | None = data.get("depth")
         self.extents: np.ndarray | None = data.get("extents")
+
+
+def _read(file: h5py.File, name: str, path: Path) -> np.ndarray:
+    """A dataset that lies in the file itself and fits into memory."""
+    link = file.get(name, getlink=True)
+    dataset = file[name] if isinstance(link, h5py.HardLink) else None
+    if not isinstance(dataset, h5py.Dataset) or dataset.is_virtual or dataset.external:
+        raise ValueError(f"path must hold {name} itself, but {path} has a group or a link to elsewhere.")
+    if dataset.dtype.kind not in "biuf":
+        raise ValueError(f"{name} must be numbers, but {path} has {dataset.dtype}.")
+    if dataset.nbytes > memory():
+        raise ValueError(f"{name} must fit into memory, but takes {dataset.nbytes / 1e9:,.0f} GB in {path}.")
+    values: np.ndarray = dataset[()]
+    return values

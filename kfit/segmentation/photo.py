@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -104,7 +105,7 @@ def depth_from_file(path: str | Path, shape: tuple[int, int]) -> NDArray[np.floa
         if not Path(path).exists():
             raise FileNotFoundError(f"there is no file {path}")
         try:
-            metres = np.load(path, mmap_mode="r", allow_pickle=False)
+            metres: NDArray[Any] = np.lib.format.open_memmap(path, mode="r")  # `np.load` would open zips too
         except (ValueError, OSError, EOFError) as error:
             raise ValueError(f"depth {path} is damaged or no array of numbers") from error
         if metres.ndim != 2 or metres.dtype.kind != "f":

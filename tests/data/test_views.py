@@ -4,9 +4,10 @@ import h5py
 import numpy as np
 import pytest
 
-from kfit.data import drawn_objects
+from kfit.data import drawn_objects, view_parts
 from kfit.data.rasterizer import pose_view
 from kfit.data.shapes import build
+from kfit.data.view_parts import ViewParts
 from kfit.data.views import Views, build_views
 
 
@@ -61,6 +62,7 @@ def test_a_finished_file_is_reused_and_one_with_other_settings_is_built_anew(tmp
 
 
 def test_an_interrupted_build_goes_on_and_gives_the_same_bytes(tmp_path, monkeypatch):
+    monkeypatch.setattr(view_parts, "SIZE", 1)
     whole = contents(build_views(tmp_path / "whole.h5", "mug", 3, 2, image_size=24))
     drawn = []
 
@@ -91,9 +93,31 @@ def test_several_processes_draw_what_one_draws(tmp_path, monkeypatch):
         np.testing.assert_array_equal(array, elsewhere[name])
 
 
-def test_a_broken_partial_file_is_started_over(tmp_path):
-    (tmp_path / "mugs.h5.partial").write_bytes(b"killed in the middle of a write")
+def test_what_a_broken_build_left_is_done_over(tmp_path):
+    (tmp_path / "mugs.h5.partial").write_bytes(b"one file, as former versions kept it")
     assert Views(build_views(tmp_path / "mugs.h5", "mug", 1, 2, image_size=24)).num_objects == 1
+    folder = tmp_path / "others.h5.partial"
+    folder.mkdir()
+    (folder / "settings.json").write_text("{}")
+    (folder / "000000.npz").write_bytes(b"of other settings")
+    assert Views(build_views(tmp_path / "others.h5", "mug", 1, 2, image_size=24)).num_objects == 1
+
+
+def test_a_damaged_part_is_drawn_again(tmp_path, monkeypatch):
+    monkeypatch.setattr(view_parts, "SIZE", 1)
+    whole = contents(build_views(tmp_path / "whole.h5", "mug", 2, 2, image_size=24))
+    original = ViewParts.write
+
+    def damaging(self, part, drawn):
+        original(self, part, drawn)
+        if part == 1 and not (tmp_path / "done").exists():
+            (tmp_path / "done").touch()
+            (self.folder / "000001.npz").write_bytes(b"damaged")
+
+    monkeypatch.setattr(ViewParts, "write", damaging)
+    again = contents(build_views(tmp_path / "again.h5", "mug", 2, 2, image_size=24))
+    for name, array in whole.items():
+        np.testing.assert_array_equal(array, again[name])
 
 
 def test_mesh_files_are_rendered_too(tmp_path):
