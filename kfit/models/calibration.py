@@ -15,6 +15,8 @@ from kfit.models.pose_result import Alternative
 
 # What probabilities of 0 and 1 are taken for, so that their logits are finite.
 LEAST = 0.01
+# The most confidence in answers to pictures unlike those of the calibration.
+DOUBTFUL = 0.5
 EVIDENCE = ("weight", "energy", "agreement", "looks")
 
 
@@ -93,7 +95,8 @@ def confidence(
 ) -> tuple[float, str | None]:
     """An answer's confidence in [0, 1], and a sentence where it is not calibrated or the energy is unusually high.
 
-    Where there is no calibration, or the fit was made in another way, it is the answer's share of the starts' weight.
+    Where there is no calibration, or the fit was made in another way, it is the answer's share of the starts' weight;
+    where the energy is higher than 99 % of the held-out views', it is a half at most.
 
     Args:
         calibration: of the model.
@@ -109,10 +112,10 @@ def confidence(
         return found[0].weight, f"confidence not calibrated for a fit in another way than the model's own: {share}"
     said = calibration.probability(told)
     if energy > calibration.energy_99:
-        return said, (
+        return min(said, DOUBTFUL), (
             f"the drawing explains the picture poorly: of {calibration.views} held-out views 99 % have an energy below "
             f"{calibration.energy_99:.2f}, this one has {energy:.2f}; the object may be unlike those of training, or "
-            "the mask wrong"
+            f"the mask wrong, and the confidence is {100 * DOUBTFUL:.0f} % at most"
         )
     return said, None
 

@@ -32,10 +32,10 @@ from kfit.generators import ExtentsHead, MetricDepth, SimilarityWarp
 from kfit.geometry import Crop, diagonal_at, pose_from_crop, to_opencv
 from kfit.initializers import Constant, EncoderPosterior, FromDepth, PosePosterior, SphereGrid
 from kfit.models.alternatives import Verdict, alternatives, fitted_rotations, seen_share, warning
-from kfit.models.calibration import confidence
+from kfit.models.calibration import DOUBTFUL, confidence
 from kfit.models.card import Card
 from kfit.models.pose_result import PoseResult
-from kfit.models.sighting import Sighting
+from kfit.models.sighting import PLAIN, Sighting
 from kfit.models.usual_fit import BETAS, CAREFUL, DEPTH_RATES, DEPTH_WEIGHT, RATES, usual_energies
 from kfit.optimizers import Adam
 from kfit.pipeline import FitPipeline
@@ -269,7 +269,7 @@ class CategoryModel:
             size_from="depth" if "distance" in fit.values else "mean size",
             bbox_xywh=(left, top, int(columns[-1]) + 1 - left, int(rows[-1]) + 1 - top),
             energy=float(fit.energy[0]),
-            confidence=verdict.confidence,
+            confidence=min(verdict.confidence, DOUBTFUL) if PLAIN in seen.notes else verdict.confidence,
             ambiguous=verdict.ambiguity is not None,
             alternatives=verdict.alternatives,
             intrinsics=seen.intrinsics.double().numpy(),

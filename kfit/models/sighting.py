@@ -16,6 +16,10 @@ from kfit.geometry.crop import MARGIN
 from kfit.models.given import as_photo, choose_camera, choose_depth, choose_mask
 from kfit.segmentation import Photo, Segmenter, load_segmenter, mask_from_alpha, read_photo
 
+# A note, with which an answer's confidence is held down.
+PLAIN = "the object shows one colour: nothing but its outline tells its pose, and the confidence is 50 % at most"
+_LEAST_SPREAD = 0.01
+
 
 @dataclass(frozen=True)
 class Sighting:
@@ -78,7 +82,15 @@ class Sighting:
             observation = crop.cut(pixels, found)
         else:
             observation = observed(crop, pixels, found, choose_depth(depth, found), camera.double())
+        if _is_plain(observation):
+            notes.append(PLAIN)
         return Sighting(observation, pixels, found, crop, camera, came_from, tuple(notes))
+
+
+def _is_plain(observation: Observation) -> bool:
+    """Whether the object's colours, each in [0, 1], have a standard deviation below 0.01."""
+    seen = observation.field("image")[0].flatten(1)[:, observation.field("mask")[0, 0].flatten() > 0.9]
+    return seen.shape[1] > 1 and float(seen.std(1).max()) < _LEAST_SPREAD
 
 
 def cut_off(mask: NDArray[Any]) -> str | None:
