@@ -17,6 +17,12 @@ from kfit.data.mesh_files import find_meshes
 from kfit.data.views import Views, build_views
 from kfit.geometry.categories import CATEGORIES
 
+LEARN = ("train", "val")
+# What else than training needs.
+PARTS: dict[str | None, tuple[str, ...]] = {"validate": ("val",), "test": ("test",)}
+# Far from the seeds that people give, so that no other run has trained or been chosen by these objects.
+TEST_SEED = 1_000_000
+
 
 class ViewPairs(Dataset[dict[str, Tensor]]):
     """Every view once as target, with another view of the same object as source.
@@ -112,7 +118,8 @@ class ViewsDataModule(LightningDataModule):
     Views are rendered once into ``cache_dir``, by all cores, and reused. They are kept in memory, where a GPU trains in
     the GPU's, if they take less than half of what is free there: no step waits for its batch. Validation shows objects
     of families that training never sees (procedural), or every tenth mesh, or the last objects of an existing file; its
-    pairs are the same each time. Batches are those of ``ViewPairs``.
+    pairs are the same each time. Test shows as many others of those families, the same meshes from other sides and in
+    other light, or other pairs of the same objects of the file. Batches are those of ``ViewPairs``.
 
     Args:
         category: Procedural category, one of bottle, bowl, camera, can, laptop and mug.
@@ -123,7 +130,7 @@ class ViewsDataModule(LightningDataModule):
         cache_dir: Folder for rendered views.
         meshes: Folder of meshes to use instead of procedural objects.
         views: Existing HDF5 file of views to use instead of rendering any.
-        num_val_objects: Objects to validate on, at most a third of an existing file's.
+        num_val_objects: Objects to validate on, and to test on; at most a third of an existing file's.
         seed: Chooses objects, poses, pairs and their order.
     """
 
@@ -153,26 +160,26 @@ class ViewsDataModule(LightningDataModule):
         self.num_val_objects, self.seed = num_val_objects, seed
         self.train_pairs: ViewPairs | None = None
         self.val_pairs: ViewPairs | None = None
+        self.test_pairs: ViewPairs | None = None
 
     def prepare_data(self) -> None:
-        """Render what is not in the cache yet, in one process only."""
+        """Render what is needed and not in the cache yet, in one process only."""
         if self.views is None:
-            self._build(held_out=False)
-            self._build(held_out=True)
+            for part in PARTS.get(self.trainer.state.fn, LEARN) if self.trainer is not None else LEARN:
+                self._build(part)
 
     def setup(self, stage: str | None = None) -> None:
-        """Load the views into memory, as uint8; on a GPU into the GPU's."""
-        if self.train_pairs is not None:
-            return
-        if self.views is not None:
-            views = Views(self.views, self.num_views)
-            split = views.num_objects - min(self.num_val_objects, max(1, views.num_objects // 3))
-            self.train_pairs = ViewPairs(views, range(max(split, 1)), self.seed, self._epoch, self._home(views))
-            self.val_pairs = ViewPairs(views, range(min(split, views.num_objects - 1), views.num_objects), self.seed)
-            return
-        train, val = Views(self._build(held_out=False)), Views(self._build(held_out=True))
-        self.train_pairs = ViewPairs(train, range(train.num_objects), self.seed, self._epoch, self._home(train))
-        self.val_pairs = ViewPairs(val, range(val.num_objects), self.seed)
+        """Load the views that a stage needs into memory, as uint8; on a GPU those of training into the GPU's.
+
+        Without a stage they are those of training and validation.
+        """
+        parts = PARTS.get(stage, LEARN)
+        if "train" in parts and self.train_pairs is None:
+            self.train_pairs = self._pairs("train")
+        if "val" in parts and self.val_pairs is None:
+            self.val_pairs = self._pairs("val")
+        if "test" in parts and self.test_pairs is None:
+            self.test_pairs = self._pairs("test")
 
     def train_dataloader(self) -> DataLoader[dict[str, Tensor]]:
         """Shuffled pairs, the same order for the same seed; under DDP Lightning puts its own sampler in."""
@@ -182,6 +189,10 @@ class ViewsDataModule(LightningDataModule):
     def val_dataloader(self) -> DataLoader[dict[str, Tensor]]:
         """Fixed pairs in a fixed order."""
         return self._loader(self.val_pairs, shuffle=False, drop_last=False, generator=None)
+
+    def test_dataloader(self) -> DataLoader[dict[str, Tensor]]:
+        """Fixed pairs in a fixed order."""
+        return self._loader(self.test_pairs, shuffle=False, drop_last=False, generator=None)
 
     def _loader(
         self, pairs: ViewPairs | None, shuffle: bool, drop_last: bool, generator: torch.Generator | None
@@ -211,17 +222,31 @@ class ViewsDataModule(LightningDataModule):
         needed = sum(array.nbytes for array in held if array is not None)
         return device if 2 * needed < torch.cuda.mem_get_info(device)[0] else torch.device("cpu")
 
-    def _build(self, held_out: bool) -> Path:
-        """Path of the train or validation views, rendered if they are not there."""
+    def _pairs(self, part: str) -> ViewPairs:
+        """Pairs of views for train, val or test, which are rendered if they are not there."""
+        views = Views(self._build(part)) if self.views is None else Views(self.views, self.num_views)
+        objects = range(views.num_objects)
+        if self.views is not None:
+            split = views.num_objects - min(self.num_val_objects, max(1, views.num_objects // 3))
+            objects = objects[: max(split, 1)] if part == "train" else objects[min(split, views.num_objects - 1) :]
+        if part == "train":
+            return ViewPairs(views, objects, self.seed, self._epoch, self._home(views))
+        return ViewPairs(views, objects, self._seed_of(part))
+
+    def _seed_of(self, part: str) -> int:
+        return self.seed + TEST_SEED if part == "test" else self.seed
+
+    def _build(self, part: str) -> Path:
+        """Path of the views for train, val or test, rendered if they are not there."""
         source: str | list[Path] = self.category
         name = self.category
+        held_out = part != "train"
         if self.meshes is not None:
             files = find_meshes(self.meshes)
             # Every tenth mesh validates; of fewer than two there is nothing to hold out.
             source = (files[::10] if held_out else [f for i, f in enumerate(files) if i % 10]) or files
             name = Path(self.meshes).resolve().name
         count = self.num_val_objects if held_out else self.num_objects
-        part = "val" if held_out else "train"
         file = f"{name}_{part}_{count}x{self.num_views}_{self.image_size}px_seed{self.seed}.h5"
         category = CATEGORIES[self.category]
         return build_views(
@@ -230,7 +255,7 @@ class ViewsDataModule(LightningDataModule):
             count,
             self.num_views,
             self.image_size,
-            self.seed,
+            self._seed_of(part),
             held_out,
             category.elevation_deg,
             unit_fraction=category.unit_fraction,
