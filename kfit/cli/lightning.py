@@ -30,10 +30,15 @@ KNOWN_OF_PROCEDURAL: dict[str, Callable[[Category], object]] = {
     "generator.init_args.sides": lambda category: list(category.sides),
 }
 COMMANDS = ("fit", "validate", "test", "predict")
-# What Lightning and torch say to each other, of which nobody who trains has to know. Elsewhere than in training it also
-# says that averaged weights are not restored, which are those that a checkpoint holds, and where a checkpoint lies.
+# What Lightning and torch say to each other, of which nobody who trains has to know.
 NEEDLESS = (r"`isinstance\(treespec, LeafSpec\)` is deprecated", r"Precision .* is not supported by the model summary")
-NEEDLESS_ELSEWHERE = (r"You're using the WeightAveraging callback, but loading", r"The dirpath has changed from")
+# Elsewhere than in training the state of training's callbacks is of no use; averaged weights are those that a
+# checkpoint holds.
+NEEDLESS_ELSEWHERE = (
+    r"You're using the WeightAveraging callback, but loading",
+    r"The dirpath has changed from",
+    r"Be aware that when using `ckpt_path`, callbacks",
+)
 
 
 class _CLI(LightningCLI):

@@ -173,13 +173,10 @@ class ViewsDataModule(LightningDataModule):
 
         Without a stage they are those of training and validation.
         """
-        parts = PARTS.get(stage, LEARN)
-        if "train" in parts and self.train_pairs is None:
-            self.train_pairs = self._pairs("train")
-        if "val" in parts and self.val_pairs is None:
-            self.val_pairs = self._pairs("val")
-        if "test" in parts and self.test_pairs is None:
-            self.test_pairs = self._pairs("test")
+        needed = [part for part in PARTS.get(stage, LEARN) if getattr(self, f"{part}_pairs") is None]
+        given = Views(self.views, self.num_views) if needed and self.views is not None else None
+        for part in needed:
+            setattr(self, f"{part}_pairs", self._pairs(part, given))
 
     def train_dataloader(self) -> DataLoader[dict[str, Tensor]]:
         """Shuffled pairs, the same order for the same seed; under DDP Lightning puts its own sampler in."""
@@ -222,11 +219,11 @@ class ViewsDataModule(LightningDataModule):
         needed = sum(array.nbytes for array in held if array is not None)
         return device if 2 * needed < torch.cuda.mem_get_info(device)[0] else torch.device("cpu")
 
-    def _pairs(self, part: str) -> ViewPairs:
-        """Pairs of views for train, val or test, which are rendered if they are not there."""
-        views = Views(self._build(part)) if self.views is None else Views(self.views, self.num_views)
+    def _pairs(self, part: str, given: Views | None) -> ViewPairs:
+        """Pairs of views for train, val or test: of the file that was given, or rendered if they are not there."""
+        views = Views(self._build(part)) if given is None else given
         objects = range(views.num_objects)
-        if self.views is not None:
+        if given is not None:
             split = views.num_objects - min(self.num_val_objects, max(1, views.num_objects // 3))
             objects = objects[: max(split, 1)] if part == "train" else objects[min(split, views.num_objects - 1) :]
         if part == "train":

@@ -123,8 +123,11 @@ class ConditionalVAE(Training):
         return loss
 
     def report(self, batch: dict[str, Tensor], stage: str) -> None:
-        """Log how the encoder's look at one view draws another: the losses, L1, SSIM and the IoU of masks, and how far
-        the extents are off; in test also how far short fits to every fifth of the other views, poses unknown, are from the truth."""
+        """Log how well the encoder's look at one view draws another, and in test also how well poses are found.
+
+        Logged are the losses, L1, SSIM and the IoU of masks, how far the extents are off, and in test what
+        `judge_rotations` tells of short fits to every fifth of the other views.
+        """
         drawn = self(batch["source"], batch["azimuth"], batch["elevation"])
         terms = self._compare(drawn, batch)
         if "extents" in batch:
