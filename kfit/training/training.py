@@ -29,7 +29,6 @@ class Training(LightningModule):
     Attributes:
         rate: largest learning rate.
         weight_decay: of AdamW.
-        rotation_errors: of the views seen so far, in degrees; what is not a number counts as 180°.
     """
 
     rate: float
@@ -37,7 +36,9 @@ class Training(LightningModule):
 
     def __init__(self) -> None:
         super().__init__()
-        self.rotation_errors = CatMetric(nan_strategy=180.0)
+        # In degrees; a fit that failed counts as 180. In a tuple, or it would stand among the networks that Lightning
+        # lists.
+        self._errors = (CatMetric(nan_strategy=180.0),)
 
     @abstractmethod
     def report(self, batch: dict[str, Tensor], stage: str) -> None:
@@ -56,7 +57,7 @@ class Training(LightningModule):
         self._report_rotations("test")
 
     def judge_rotations(self, found: Tensor, azimuth: Tensor, elevation: Tensor, symmetry: Symmetry) -> None:
-        """Put into ``rotation_errors`` how far rotations (N, 3, 3) are from the truth, angles (N,) in radians.
+        """Note how far rotations (N, 3, 3) are from the truth, angles (N,) in radians; the epoch's end logs it.
 
         Objects of symmetry ``"y"`` count by the angle between their axes.
         """
@@ -64,13 +65,14 @@ class Training(LightningModule):
         turned, tipped = azimuth.double().cpu(), elevation.double().cpu()
         truth = rotation_from_angles(turned, tipped, torch.zeros_like(turned))
         errors = rotation_error_deg(found.double().cpu(), truth, symmetry)
-        self.rotation_errors.update(errors.float().to(self.device))
+        self._errors[0].update(errors.float().to(self.device))
 
     def _report_rotations(self, stage: str) -> None:
-        if not self.rotation_errors.update_called:
+        (errors,) = self._errors
+        if not errors.update_called:
             return
-        found = summary(torch.as_tensor(self.rotation_errors.compute()).flatten())
-        self.rotation_errors.reset()
+        found = summary(torch.as_tensor(errors.compute()).flatten())
+        errors.reset()
         self.log(f"{stage}/rotation_deg", found["median"], prog_bar=True, sync_dist=True)
         for limit in (10, 30):
             self.log(f"{stage}/within_{limit}deg", found[f"under_{limit}"], sync_dist=True)

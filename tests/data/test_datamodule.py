@@ -9,7 +9,8 @@ import torch
 from lightning import LightningModule, Trainer
 from lightning.pytorch.trainer.states import TrainerFn
 
-from kfit.data.datamodule import ViewPairs, ViewsDataModule
+from kfit.data.datamodule import ViewsDataModule
+from kfit.data.view_pairs import ViewPairs
 from kfit.data.views import Views, build_views
 from kfit.geometry import CATEGORIES
 
