@@ -9,7 +9,7 @@ import torch
 
 import kfit
 from kfit.core import Observation
-from kfit.data import datamodule
+from kfit.data import view_pairs
 from kfit.devices import precision
 from kfit.geometry import rotation_error
 from kfit.geometry.pose import rotation_of
@@ -46,14 +46,14 @@ def test_a_recipe_trains_with_its_views_on_the_gpu(recipe, tmp_path, monkeypatch
     from kfit.cli import lightning
 
     where = set()
-    original = datamodule.ViewPairs.__getitems__
+    original = view_pairs.ViewPairs.__getitems__
 
     def watched(self, indices):
         batch = original(self, indices)
         where.add((len(self) > 100, batch["target"].device.type))
         return batch
 
-    monkeypatch.setattr(datamodule.ViewPairs, "__getitems__", watched)
+    monkeypatch.setattr(view_pairs.ViewPairs, "__getitems__", watched)
     words = ["fit", "-c", f"recipes/{recipe}.yaml", "--data.category", "mug", "--data.num_objects", "120"]
     words += ["--data.num_val_objects", "2", "--data.cache_dir", str(tmp_path), "--trainer.max_epochs", "1"]
     words += ["--trainer.limit_train_batches", "8", "--trainer.default_root_dir", str(tmp_path)]

@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import sys
+import warnings
 from collections.abc import Callable, Sequence
+from typing import Any
 
-from lightning.pytorch import Callback, LightningDataModule, LightningModule
+from lightning.pytorch import Callback, LightningDataModule, LightningModule, Trainer
+from lightning.pytorch.callbacks import LearningRateMonitor
 from lightning.pytorch.cli import LightningCLI
+from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger
 
 from kfit.geometry.categories import CATEGORIES, Category
+from kfit.training import ConditionalVAE, PictureGrid
 
 # Arguments of the model's parts that the category of the data decides, where a part has such an argument.
 KNOWN: dict[str, Callable[[Category], object]] = {
     "generator.init_args.unit_fraction": lambda category: category.unit_fraction,
     "pose_head.init_args.symmetry": lambda category: category.symmetry,
     "regressor.init_args.symmetry": lambda category: category.symmetry,
+    "symmetry": lambda category: category.symmetry,
     "unit_fraction": lambda category: category.unit_fraction,
 }
 # The same of procedural objects alone: somebody's meshes may be of any shape.
@@ -23,6 +30,15 @@ KNOWN_OF_PROCEDURAL: dict[str, Callable[[Category], object]] = {
     "generator.init_args.sides": lambda category: list(category.sides),
 }
 COMMANDS = ("fit", "validate", "test", "predict")
+# What Lightning and torch say to each other, of which nobody who trains has to know.
+NEEDLESS = (r"`isinstance\(treespec, LeafSpec\)` is deprecated", r"Precision .* is not supported by the model summary")
+# Elsewhere than in training the state of training's callbacks is of no use; averaged weights are those that a
+# checkpoint holds.
+NEEDLESS_ELSEWHERE = (
+    r"You're using the WeightAveraging callback, but loading",
+    r"The dirpath has changed from",
+    r"Be aware that when using `ckpt_path`, callbacks",
+)
 
 
 class _CLI(LightningCLI):
@@ -36,6 +52,27 @@ class _CLI(LightningCLI):
         for argument, known in {**KNOWN, **(KNOWN_OF_PROCEDURAL if drawn else {})}.items():
             if category is not None and f"model.init_args.{argument}" in config:
                 config[f"model.init_args.{argument}"] = known(category)
+
+    def instantiate_trainer(self, **kwargs: Any) -> Trainer:
+        """The recipe's trainer; unless it says otherwise with TensorBoard's and CSV logs in one folder.
+
+        A fit with a logger of any kind logs its learning rate, and pictures where the model draws some.
+        """
+        said = self._get(self.config_init, "trainer", default={})
+        logger, callbacks = said.get("logger"), said.get("callbacks") or []
+        if logger in (None, True) and self.subcommand != "predict" and not said.get("barebones"):
+            root = said.get("default_root_dir") or os.getcwd()
+            # The first one finds the number of the version, and minds a folder that is not empty.
+            table = CSVLogger(root)
+            logger = [table, TensorBoardLogger(root, version=table.version, default_hp_metric=False)]
+            kwargs["logger"] = logger
+        if self.subcommand == "fit" and logger:
+            callbacks = list(callbacks) if isinstance(callbacks, list) else [callbacks]
+            usual: list[Callback] = [LearningRateMonitor()]
+            usual += [PictureGrid()] if isinstance(self.model, ConditionalVAE) else []
+            named = {type(callback) for callback in callbacks}
+            kwargs["callbacks"] = callbacks + [callback for callback in usual if type(callback) not in named]
+        return super().instantiate_trainer(**kwargs)
 
 
 def main(args: Sequence[str] | None = None) -> None:
@@ -52,6 +89,10 @@ def main(args: Sequence[str] | None = None) -> None:
         sys.path.append(os.getcwd())
     # Lightning warns of words given twice, which `kfit fit` would be.
     words = None if args is None or list(args) == sys.argv[1:] else list(args)
+    command = (sys.argv[1:] if words is None else words)[:1]
+    for needless in NEEDLESS + (() if command == ["fit"] else NEEDLESS_ELSEWHERE):
+        warnings.filterwarnings("ignore", message=needless)
+    logging.getLogger("lightning.pytorch.utilities.rank_zero").addFilter(_is_no_advertisement)
     try:
         run(words)
     except (ValueError, TypeError, OSError, RuntimeError, ImportError) as error:
@@ -59,6 +100,10 @@ def main(args: Sequence[str] | None = None) -> None:
             raise
         print(f"kfit: {error}", file=sys.stderr)
         raise SystemExit(2) from None
+
+
+def _is_no_advertisement(record: logging.LogRecord) -> bool:
+    return "Tip: For seamless cloud" not in record.getMessage()
 
 
 def run(words: Sequence[str] | None, callbacks: Sequence[Callback] = ()) -> None:

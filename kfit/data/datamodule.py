@@ -1,104 +1,26 @@
-"""Pairs of views of one object for training and validation, as a LightningDataModule."""
+"""Pairs of views of one object for training, validation and test, as a LightningDataModule."""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
 from lightning import LightningDataModule
 from torch import Tensor
-from torch.utils.data import DataLoader, Dataset
+from torch.utils.data import DataLoader
 
 from kfit.data.mesh_files import find_meshes
+from kfit.data.view_pairs import ViewPairs
 from kfit.data.views import Views, build_views
 from kfit.geometry.categories import CATEGORIES
 
-
-class ViewPairs(Dataset[dict[str, Tensor]]):
-    """Every view once as target, with another view of the same object as source.
-
-    Whole batches are fetched by index, and converted to float once. ``source``, ``target`` (B, 3, H, W) in [0, 1];
-    ``source_mask``, ``target_mask`` (B, 1, H, W) in [0, 1]; ``target_depth`` (B, 1, H, W) in box diagonals relative to
-    the object's centre, 0 outside; ``source_elevation``, ``source_azimuth``, ``elevation``, ``azimuth`` (B,) in
-    radians, the latter two of the target; ``extents`` (B, 3). Files without depth or extents give batches without them.
-
-    Args:
-        views: Pictures with at least two views an object.
-        objects: Which objects to use.
-        seed: Chooses the sources.
-        epoch: Called for the number of the epoch; each epoch has its own sources.
-        device: Where the views are kept and batches made.
-
-    Raises:
-        ValueError: If an object has fewer than two views.
-    """
-
-    def __init__(
-        self,
-        views: Views,
-        objects: Sequence[int],
-        seed: int,
-        epoch: Callable[[], int] = lambda: 0,
-        device: str | torch.device = "cpu",
-    ) -> None:
-        if views.num_views < 2:
-            raise ValueError(f"num_views must be at least 2 to make pairs, but is {views.num_views}.")
-        chosen = np.asarray(objects, np.int64)
-        rows = (chosen[:, None] * views.num_views + np.arange(views.num_views)).ravel()
-        whole = len(rows) == len(views.images)
-        pick: Callable[[np.ndarray], np.ndarray] = (lambda array: array) if whole else (lambda array: array[rows])
-        self.num_views = views.num_views
-        self.images = torch.from_numpy(np.ascontiguousarray(pick(views.images).transpose(0, 3, 1, 2)))
-        self.masks = torch.from_numpy(np.ascontiguousarray(pick(views.masks)))
-        self.elevations = torch.from_numpy(pick(views.elevations).copy())
-        self.azimuths = torch.from_numpy(pick(views.azimuths).copy())
-        self.depth = None if views.depth is None else torch.from_numpy(pick(views.depth))
-        self.extents = None if views.extents is None else torch.from_numpy(views.extents[chosen])
-        for name in ("images", "masks", "elevations", "azimuths", "depth", "extents"):
-            held = getattr(self, name)
-            setattr(self, name, None if held is None else held.to(device))
-        self._seed, self._epoch = seed, epoch
-        self._drawn_for, self._offsets = -1, torch.zeros(0, dtype=torch.long)
-
-    def __len__(self) -> int:
-        return len(self.images)
-
-    def sources(self, targets: Tensor) -> Tensor:
-        """Rows of the sources (B,) that this epoch pairs with the rows of targets (B,)."""
-        epoch = self._epoch()
-        if epoch != self._drawn_for:
-            rng = np.random.default_rng([self._seed, epoch])
-            self._offsets = torch.from_numpy(rng.integers(1, self.num_views, len(self)))
-            self._drawn_for = epoch
-        first = targets - targets % self.num_views
-        return first + (targets + self._offsets[targets]) % self.num_views
-
-    def __getitems__(self, indices: Sequence[int]) -> dict[str, Tensor]:
-        targets = torch.as_tensor(indices, dtype=torch.long)
-        sources = self.sources(targets)
-        targets, sources = (rows.to(self.images.device, non_blocking=True) for rows in (targets, sources))
-        batch = {
-            "source": self.images[sources].float().div_(255),
-            "source_mask": self.masks[sources].unsqueeze(1).float().div_(255),
-            "source_elevation": self.elevations[sources],
-            "source_azimuth": self.azimuths[sources],
-            "target": self.images[targets].float().div_(255),
-            "target_mask": self.masks[targets].unsqueeze(1).float().div_(255),
-            "elevation": self.elevations[targets],
-            "azimuth": self.azimuths[targets],
-        }
-        if self.depth is not None:
-            batch["target_depth"] = self.depth[targets].unsqueeze(1).float()
-        if self.extents is not None:
-            batch["extents"] = self.extents[targets // self.num_views]
-        return batch
-
-    def __getitem__(self, index: int) -> dict[str, Tensor]:
-        return {name: value[0] for name, value in self.__getitems__([index]).items()}
+LEARN = ("train", "val")
+# What else than training needs.
+PARTS: dict[str | None, tuple[str, ...]] = {"validate": ("val",), "test": ("test",)}
+# Far from the seeds that people give, so that no other run has trained or been chosen by these objects.
+TEST_SEED = 1_000_000
 
 
 def _as_fetched(batch: Any) -> Any:
@@ -112,7 +34,8 @@ class ViewsDataModule(LightningDataModule):
     Views are rendered once into ``cache_dir``, by all cores, and reused. They are kept in memory, where a GPU trains in
     the GPU's, if they take less than half of what is free there: no step waits for its batch. Validation shows objects
     of families that training never sees (procedural), or every tenth mesh, or the last objects of an existing file; its
-    pairs are the same each time. Batches are those of ``ViewPairs``.
+    pairs are the same each time. Test shows as many others of those families, the same meshes from other sides and in
+    other light, or other pairs of the same objects of the file. Batches are those of ``ViewPairs``.
 
     Args:
         category: Procedural category, one of bottle, bowl, camera, can, laptop and mug.
@@ -123,7 +46,7 @@ class ViewsDataModule(LightningDataModule):
         cache_dir: Folder for rendered views.
         meshes: Folder of meshes to use instead of procedural objects.
         views: Existing HDF5 file of views to use instead of rendering any.
-        num_val_objects: Objects to validate on, at most a third of an existing file's.
+        num_val_objects: Objects to validate on, and to test on; at most a third of an existing file's.
         seed: Chooses objects, poses, pairs and their order.
     """
 
@@ -153,26 +76,23 @@ class ViewsDataModule(LightningDataModule):
         self.num_val_objects, self.seed = num_val_objects, seed
         self.train_pairs: ViewPairs | None = None
         self.val_pairs: ViewPairs | None = None
+        self.test_pairs: ViewPairs | None = None
 
     def prepare_data(self) -> None:
-        """Render what is not in the cache yet, in one process only."""
+        """Render what is needed and not in the cache yet, in one process only."""
         if self.views is None:
-            self._build(held_out=False)
-            self._build(held_out=True)
+            for part in PARTS.get(self.trainer.state.fn, LEARN) if self.trainer is not None else LEARN:
+                self._build(part)
 
     def setup(self, stage: str | None = None) -> None:
-        """Load the views into memory, as uint8; on a GPU into the GPU's."""
-        if self.train_pairs is not None:
-            return
-        if self.views is not None:
-            views = Views(self.views, self.num_views)
-            split = views.num_objects - min(self.num_val_objects, max(1, views.num_objects // 3))
-            self.train_pairs = ViewPairs(views, range(max(split, 1)), self.seed, self._epoch, self._home(views))
-            self.val_pairs = ViewPairs(views, range(min(split, views.num_objects - 1), views.num_objects), self.seed)
-            return
-        train, val = Views(self._build(held_out=False)), Views(self._build(held_out=True))
-        self.train_pairs = ViewPairs(train, range(train.num_objects), self.seed, self._epoch, self._home(train))
-        self.val_pairs = ViewPairs(val, range(val.num_objects), self.seed)
+        """Load the views that a stage needs into memory, as uint8; on a GPU those of training into the GPU's.
+
+        Without a stage they are those of training and validation.
+        """
+        needed = [part for part in PARTS.get(stage, LEARN) if getattr(self, f"{part}_pairs") is None]
+        given = Views(self.views, self.num_views) if needed and self.views is not None else None
+        for part in needed:
+            setattr(self, f"{part}_pairs", self._pairs(part, given))
 
     def train_dataloader(self) -> DataLoader[dict[str, Tensor]]:
         """Shuffled pairs, the same order for the same seed; under DDP Lightning puts its own sampler in."""
@@ -182,6 +102,10 @@ class ViewsDataModule(LightningDataModule):
     def val_dataloader(self) -> DataLoader[dict[str, Tensor]]:
         """Fixed pairs in a fixed order."""
         return self._loader(self.val_pairs, shuffle=False, drop_last=False, generator=None)
+
+    def test_dataloader(self) -> DataLoader[dict[str, Tensor]]:
+        """Fixed pairs in a fixed order."""
+        return self._loader(self.test_pairs, shuffle=False, drop_last=False, generator=None)
 
     def _loader(
         self, pairs: ViewPairs | None, shuffle: bool, drop_last: bool, generator: torch.Generator | None
@@ -211,17 +135,31 @@ class ViewsDataModule(LightningDataModule):
         needed = sum(array.nbytes for array in held if array is not None)
         return device if 2 * needed < torch.cuda.mem_get_info(device)[0] else torch.device("cpu")
 
-    def _build(self, held_out: bool) -> Path:
-        """Path of the train or validation views, rendered if they are not there."""
+    def _pairs(self, part: str, given: Views | None) -> ViewPairs:
+        """Pairs of views for train, val or test: of the file that was given, or rendered if they are not there."""
+        views = Views(self._build(part)) if given is None else given
+        objects = range(views.num_objects)
+        if given is not None:
+            split = views.num_objects - min(self.num_val_objects, max(1, views.num_objects // 3))
+            objects = objects[: max(split, 1)] if part == "train" else objects[min(split, views.num_objects - 1) :]
+        if part == "train":
+            return ViewPairs(views, objects, self.seed, self._epoch, self._home(views))
+        return ViewPairs(views, objects, self._seed_of(part))
+
+    def _seed_of(self, part: str) -> int:
+        return self.seed + TEST_SEED if part == "test" else self.seed
+
+    def _build(self, part: str) -> Path:
+        """Path of the views for train, val or test, rendered if they are not there."""
         source: str | list[Path] = self.category
         name = self.category
+        held_out = part != "train"
         if self.meshes is not None:
             files = find_meshes(self.meshes)
             # Every tenth mesh validates; of fewer than two there is nothing to hold out.
             source = (files[::10] if held_out else [f for i, f in enumerate(files) if i % 10]) or files
             name = Path(self.meshes).resolve().name
         count = self.num_val_objects if held_out else self.num_objects
-        part = "val" if held_out else "train"
         file = f"{name}_{part}_{count}x{self.num_views}_{self.image_size}px_seed{self.seed}.h5"
         category = CATEGORIES[self.category]
         return build_views(
@@ -230,7 +168,7 @@ class ViewsDataModule(LightningDataModule):
             count,
             self.num_views,
             self.image_size,
-            self.seed,
+            self._seed_of(part),
             held_out,
             category.elevation_deg,
             unit_fraction=category.unit_fraction,

@@ -8,15 +8,20 @@ import warnings
 import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
+from torchmetrics.functional.image import structural_similarity_index_measure
+from torchmetrics.functional.segmentation import mean_iou
 
-from kfit.core import Encoder, Energy, Generator, Rendering, frozen
+from kfit.core import Encoder, Energy, Generator, Observation, Rendering, frozen
 from kfit.core.check import check_names, check_range
 from kfit.generators import ExtentsHead
+from kfit.geometry import Symmetry
 from kfit.training.jitter import Jitter
 from kfit.training.photograph import Photograph
+from kfit.training.short_fit import fitted_rotations
 from kfit.training.training import Training
 
-TAKEN = {"extents", "kl", "l1", "loss"}  # in the log, beside the losses
+TAKEN = {"extents", "kl", "l1", "loss", "mask_iou", "ssim"}  # in the log, beside the losses
+FIT_EVERY = 5  # views in test: a fit takes a second of a core, and an object has some ten views
 
 
 class ConditionalVAE(Training):
@@ -46,6 +51,7 @@ class ConditionalVAE(Training):
             that look at neighbourhoods see thinned pictures.
         compile: compile the networks (`torch.compile`): half a minute of waiting for about 1.7 times the speed.
             Without a C++ compiler training goes on uncompiled.
+        symmetry: of the objects, by which test tells how far rotations are off; `lightning` sets the category's.
 
     Raises:
         ValueError: for loss weights of unknown names, losses of names that are taken, a ``pixel_stride`` below 1, or
@@ -67,6 +73,7 @@ class ConditionalVAE(Training):
         compile: bool = False,
         pixel_stride: int = 1,
         photograph: Photograph | None = None,
+        symmetry: Symmetry = "none",
     ) -> None:
         super().__init__()
         check_range("pixel_stride", pixel_stride, 1, 64)
@@ -82,6 +89,7 @@ class ConditionalVAE(Training):
         self.loss_weights = {name: 1.0 for name in losses} | (loss_weights or {})
         self.kl_weight, self.extents_weight, self.rate = kl_weight, extents_weight, rate
         self.jitter, self.photograph, self.compiles, self.pixel_stride = jitter, photograph, compile, pixel_stride
+        self.symmetry = symmetry
 
     def on_fit_start(self) -> None:
         # Fixed networks, in the losses and in encoders, stay in evaluation mode, as they should.
@@ -114,15 +122,35 @@ class ConditionalVAE(Training):
         self.log("train/loss", loss.detach(), prog_bar=True)
         return loss
 
-    def validation_step(self, batch: dict[str, Tensor], batch_idx: int) -> None:
+    def report(self, batch: dict[str, Tensor], stage: str) -> None:
+        """Log how well the encoder's look at one view draws another, and in test also how well poses are found.
+
+        Logged are the losses, L1, SSIM and the IoU of masks, how far the extents are off, and in test what
+        `judge_rotations` tells of short fits to every fifth of the other views.
+        """
         drawn = self(batch["source"], batch["azimuth"], batch["elevation"])
         terms = self._compare(drawn, batch)
         if "extents" in batch:
             terms["extents"] = F.l1_loss(self.extents(self.encoder(batch["source"])[0]), batch["extents"])
         size = len(batch["target"])
-        self.log_dict({f"val/{k}": v for k, v in terms.items()}, batch_size=size, sync_dist=True)
-        away = F.l1_loss(drawn.image, batch["target"])
-        self.log("val/l1", away, prog_bar=True, batch_size=size, sync_dist=True)
+        with torch.autocast(self.device.type, enabled=False):  # in halves, SSIM's variances would be noise
+            away = F.l1_loss(drawn.image.float(), batch["target"])
+            alike = structural_similarity_index_measure(drawn.image.float(), batch["target"], data_range=1.0)
+            terms["ssim"] = torch.as_tensor(alike)
+            if drawn.mask is not None:
+                mask, true = ((mask > 0.5).long()[:, 0] for mask in (drawn.mask, batch["target_mask"]))
+                shared = mean_iou(mask, true, num_classes=2, include_background=False, input_format="index")
+                terms["mask_iou"] = shared.mean()
+        self.log_dict({f"{stage}/{k}": v for k, v in terms.items()}, batch_size=size, sync_dist=True)
+        self.log(f"{stage}/l1", away, prog_bar=True, batch_size=size, sync_dist=True)
+        if stage == "test":
+            image, mask, azimuth, elevation = (
+                batch[name][::FIT_EVERY] for name in ("target", "target_mask", "azimuth", "elevation")
+            )
+            seen = Observation(image, None if drawn.mask is None else mask)
+            self.judge_rotations(
+                fitted_rotations(self.generator, self.encoder, seen), azimuth, elevation, self.symmetry
+            )
 
     def _thin(self, batch: dict[str, Tensor]) -> tuple[dict[str, Tensor], dict[str, Tensor]]:
         """The batch with its targets' pixels thinned out, and what tells the generator to draw just these."""

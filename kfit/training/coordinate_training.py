@@ -76,10 +76,11 @@ class CoordinateTraining(Training):
         self.log("train/coordinates", loss.detach(), prog_bar=True)
         return loss
 
-    def validation_step(self, batch: dict[str, Tensor], batch_idx: int) -> None:
+    def report(self, batch: dict[str, Tensor], stage: str) -> None:
+        """Log the loss."""
         image, mask, truth = self._views(batch)
         loss = self.regressor.divergence(self(image), truth, mask).mean()
-        self.log("val/coordinates", loss, prog_bar=True, batch_size=len(image), sync_dist=True)
+        self.log(f"{stage}/coordinates", loss, prog_bar=True, batch_size=len(image), sync_dist=True)
 
     def _views(self, batch: dict[str, Tensor]) -> tuple[Tensor, Tensor, Tensor]:
         """Pictures, masks and true coordinates of a batch's targets."""

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from kfit.baselines import OrientationRegressor
-from kfit.geometry import rotation_error, rotation_from_angles
+from kfit.geometry import rotation_from_angles
 from kfit.training.disturb import Disturb
 from kfit.training.jitter import Jitter
 from kfit.training.training import Training
@@ -51,7 +51,6 @@ class OrientationTraining(Training):
             regressor.fill(weights)
         self.regressor, self.rate, self.weight_decay = regressor, rate, weight_decay
         self.disturb, self.jitter, self.compiles = disturb, jitter, compile
-        self._errors: list[Tensor] = []
 
     def on_fit_start(self) -> None:
         if self.compiles:
@@ -63,7 +62,8 @@ class OrientationTraining(Training):
         return said
 
     def training_step(self, batch: dict[str, Tensor], batch_idx: int) -> Tensor:
-        image, mask, truth = _views(batch)
+        image, mask, azimuth, elevation = _views(batch)
+        truth = rotation_from_angles(azimuth, elevation, torch.zeros_like(azimuth))
         with torch.no_grad():
             if self.jitter is not None:
                 # What comes in from outside is 1, which for the ground's share is right too.
@@ -75,23 +75,18 @@ class OrientationTraining(Training):
         self.log("train/rotation", loss.detach(), prog_bar=True)
         return loss
 
-    def on_validation_epoch_start(self) -> None:
-        self._errors = []
-
-    def validation_step(self, batch: dict[str, Tensor], batch_idx: int) -> None:
-        image, _, truth = _views(batch)
+    def report(self, batch: dict[str, Tensor], stage: str) -> None:
+        """Log the loss, and how far the rotations are from the truth."""
+        image, _, azimuth, elevation = _views(batch)
+        truth = rotation_from_angles(azimuth, elevation, torch.zeros_like(azimuth))
         said = self(image)
         loss = self.regressor.distance(said, truth).mean()
-        self.log("val/rotation", loss, batch_size=len(image), sync_dist=True)
-        self._errors.append(rotation_error(said, truth, self.regressor.symmetry).rad2deg())
-
-    def on_validation_epoch_end(self) -> None:
-        # The median of each process, averaged over them.
-        self.log("val/rotation_deg", torch.cat(self._errors).median(), prog_bar=True, sync_dist=True)
+        self.log(f"{stage}/rotation", loss, batch_size=len(image), sync_dist=True)
+        self.judge_rotations(said, azimuth, elevation, self.regressor.symmetry)
 
 
-def _views(batch: dict[str, Tensor]) -> tuple[Tensor, Tensor, Tensor]:
-    """Pictures, masks and true rotations of a batch's sources and targets, one after the other."""
+def _views(batch: dict[str, Tensor]) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Pictures, masks, azimuths and elevations of a batch's sources and targets, one after the other."""
     image, mask = (torch.cat([batch[f"{view}{part}"] for view in ("source", "target")]) for part in ("", "_mask"))
     azimuth, elevation = (torch.cat([batch[f"source_{angle}"], batch[angle]]) for angle in ("azimuth", "elevation"))
-    return image, mask, rotation_from_angles(azimuth, elevation, torch.zeros_like(azimuth))
+    return image, mask, azimuth, elevation

@@ -6,17 +6,24 @@ import math
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 from lightning.pytorch import Callback, LightningModule, Trainer
+from lightning.pytorch.loggers import CometLogger, Logger, MLFlowLogger
+from numpy.typing import NDArray
 from skimage.io import imsave
 from torch import Tensor
 
+NAME = "pictures"  # in the log
+
 
 class PictureGrid(Callback):
-    """Writes ``pictures/epoch_NNN.png`` into the run's folder after each validation, and shows it to a logger that
-    takes pictures (TensorBoard's `add_image`).
+    """Shows a grid of pictures to the run's loggers after each validation, as ``pictures``.
 
     A row an object: what the encoder saw, the target, its reconstruction, and views all around at 30° elevation.
+    TensorBoard, Weights & Biases, MLflow and Comet take pictures, and so does any logger that has `log_image` as the
+    second or whose ``experiment`` has `add_image` as the first. Where no logger does, the grid becomes
+    ``pictures/epoch_NNN.png`` in the run's folder.
 
     Args:
         num_objects: rows.
@@ -60,11 +67,24 @@ class PictureGrid(Callback):
                 columns.append(pl_module(shown["source"], azimuth, tilt).image)
         grid = torch.cat([torch.cat(list(row), 2) for row in zip(*columns, strict=True)], 1).clamp(0, 1)
         pixels = (grid * 255).round().byte().permute(1, 2, 0).cpu().numpy()
-        if home is not None:
+        shows = [_show(logger, pixels, trainer.global_step) for logger in trainer.loggers]
+        if not any(shows) and home is not None:
             folder = Path(home) / "pictures"
             folder.mkdir(parents=True, exist_ok=True)
             imsave(folder / f"epoch_{trainer.current_epoch:03d}.png", pixels, check_contrast=False)
-        for logger in trainer.loggers:
-            show = getattr(getattr(logger, "experiment", None), "add_image", None)
-            if show is not None:
-                show("pictures", pixels, trainer.global_step, dataformats="HWC")
+
+
+def _show(logger: Logger, pixels: NDArray[np.uint8], step: int) -> bool:
+    """Give a picture (H, W, 3) to a logger; whether it takes pictures."""
+    experiment: Any = getattr(logger, "experiment", None)
+    if isinstance(logger, MLFlowLogger):
+        experiment.log_image(logger.run_id, pixels, key=NAME, step=step)
+    elif isinstance(logger, CometLogger):
+        experiment.log_image(pixels, name=NAME, step=step)
+    elif hasattr(logger, "log_image"):
+        logger.log_image(key=NAME, images=[pixels], step=step)
+    elif hasattr(experiment, "add_image"):
+        experiment.add_image(NAME, pixels, step, dataformats="HWC")
+    else:
+        return False
+    return True

@@ -8,7 +8,10 @@ import math
 import torch
 from torch import Tensor
 
+from kfit.core import Observation
 from kfit.generators import PoseHead
+from kfit.geometry.pose import rotation_of
+from kfit.initializers import PosePosterior
 from kfit.training.jitter import Jitter
 from kfit.training.photograph import Photograph
 from kfit.training.recolor import Recolor
@@ -79,10 +82,13 @@ class PoseTraining(Training):
         self.log("train/pose", loss.detach(), prog_bar=True)
         return loss
 
-    def validation_step(self, batch: dict[str, Tensor], batch_idx: int) -> None:
+    def report(self, batch: dict[str, Tensor], stage: str) -> None:
+        """Log the loss, and how far the likeliest pose is from the truth, by itself."""
         image, azimuth, elevation = _views(batch)
         loss = self.pose_head.divergence(self(image), azimuth, elevation).mean()
-        self.log("val/pose", loss, prog_bar=True, batch_size=len(image), sync_dist=True)
+        self.log(f"{stage}/pose", loss, prog_bar=True, batch_size=len(image), sync_dist=True)
+        likeliest = rotation_of(PosePosterior(self.pose_head)({}, Observation(image), 1, []))
+        self.judge_rotations(likeliest, azimuth, elevation, self.pose_head.symmetry)
 
 
 def _views(batch: dict[str, Tensor]) -> tuple[Tensor, Tensor, Tensor]:

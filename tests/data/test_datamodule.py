@@ -1,13 +1,16 @@
 """Pairs of views: of one object, once an epoch, and the same for the same seed."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import torch
 from lightning import LightningModule, Trainer
+from lightning.pytorch.trainer.states import TrainerFn
 
-from kfit.data.datamodule import ViewPairs, ViewsDataModule
+from kfit.data.datamodule import ViewsDataModule
+from kfit.data.view_pairs import ViewPairs
 from kfit.data.views import Views, build_views
 from kfit.geometry import CATEGORIES
 
@@ -65,7 +68,7 @@ def test_an_epoch_shows_every_view_once_as_target_beside_another_view_of_its_obj
 
 def test_extents_and_pictures_belong_to_one_object(module):
     batch = module.train_pairs.__getitems__([4, 17])
-    views = Views(module._build(held_out=False))
+    views = Views(module._build("train"))
     np.testing.assert_allclose(batch["extents"].numpy(), views.extents[[1, 5]])
     np.testing.assert_allclose(batch["target"][1].numpy() * 255, views.images[17].transpose(2, 0, 1), atol=1e-3)
     one = module.train_pairs[4]
@@ -102,10 +105,41 @@ def test_the_order_of_training_repeats_with_the_seed_and_validation_is_fixed(cac
 
 def test_validation_shows_held_out_families(module):
     assert len(module.val_pairs) == 6
-    path = module._build(held_out=True)
+    path = module._build("val")
     fraction = CATEGORIES["can"].unit_fraction
     again = build_views(path.with_name("again.h5"), "can", 2, 3, 16, held_out=True, unit_fraction=fraction)
     np.testing.assert_array_equal(Views(path).images, Views(again).images)
+
+
+def test_test_shows_others_of_the_held_out_families(cache):
+    module = ViewsDataModule("can", cache_dir=cache, **SMALL)
+    module.setup("test")
+    assert (module.train_pairs, module.val_pairs) == (None, None)
+    fraction = CATEGORIES["can"].unit_fraction
+    settings = {"seed": 1_000_000, "held_out": True, "unit_fraction": fraction}
+    again = Views(build_views(Path(cache) / "again.h5", "can", 2, 3, 16, **settings))
+    seen = next(iter(module.test_dataloader()))
+    np.testing.assert_array_equal((seen["target"] * 255).byte().permute(0, 2, 3, 1), again.images[:4])
+    module.setup("validate")
+    assert not torch.equal(module.val_pairs.images, module.test_pairs.images)
+
+
+@pytest.mark.parametrize(("does", "rendered"), [("fit", "train val"), ("validate", "val"), ("test", "test")])
+def test_only_what_a_trainer_needs_is_rendered(tmp_path, does, rendered):
+    module = ViewsDataModule("can", cache_dir=str(tmp_path), **SMALL)
+    module.trainer = SimpleNamespace(state=SimpleNamespace(fn=TrainerFn(does)))
+    module.prepare_data()
+    assert " ".join(sorted(path.name.split("_")[1] for path in tmp_path.iterdir())) == rendered
+
+
+def test_an_existing_file_tests_on_other_pairs_of_the_objects_that_it_validates_on(tmp_path):
+    path = build_views(tmp_path / "bowls.h5", "bowl", 4, 8, image_size=16)
+    module = ViewsDataModule(views=str(path), num_views=8, num_val_objects=1)
+    for stage in ("validate", "test"):
+        module.setup(stage)
+    assert torch.equal(module.val_pairs.images, module.test_pairs.images)
+    targets = torch.arange(8)
+    assert not torch.equal(module.val_pairs.sources(targets), module.test_pairs.sources(targets))
 
 
 def test_an_existing_file_is_split_by_objects(tmp_path):

@@ -10,16 +10,17 @@ import pytest
 import torch
 from lightning.pytorch import Trainer
 from lightning.pytorch.loggers import CSVLogger
-from skimage.io import imread
+from skimage.metrics import structural_similarity
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 from torch import nn
 from torch.distributions import Normal, kl_divergence
 from torch.utils.data import DataLoader, Dataset
 
 import kfit
-from kfit.core import Energy
+from kfit.core import Energy, Rendering
 from kfit.energies import L1, Perceptual, Silhouette
 from kfit.generators import VAE3D, ConvEncoder, ExtentsHead, PoseHead, RadianceField
-from kfit.training import ConditionalVAE, Jitter, PictureGrid
+from kfit.training import ConditionalVAE, Jitter
 
 ROOT = Path(__file__).parents[2]
 # What Lightning says about batches that come from memory, and calls in torch that has called it deprecated since.
@@ -133,7 +134,33 @@ class TestTheLoss:
             drawn = module(given["source"], given["azimuth"], given["elevation"])
         away = (drawn.image - given["target"]).abs().mean().item()
         assert [logged["val/l1"], logged["val/image"]] == pytest.approx([away, away])
-        assert set(logged) == {"val/l1", "val/image", "val/mask", "val/extents"}
+        assert set(logged) == {f"val/{name}" for name in ("l1", "image", "mask", "extents", "ssim", "mask_iou")}
+
+    def test_of_a_drawing_without_fault_is_nothing_and_masks_count_by_their_shared_part(self, logged, monkeypatch):
+        module, given = build().eval(), batch()
+        true = torch.zeros(4, 1, SIDE, SIDE)
+        true[:, :, :8], given["target_mask"] = 1, true
+        said = true.clone()
+        said[0, :, 4:] = 0  # half of it, and nothing else
+        said[1, :, :12] = 1  # it, and half as much again
+        monkeypatch.setattr(module, "forward", lambda *given_: Rendering(given["target"], said))
+        with torch.no_grad():
+            module.validation_step(given, 0)
+        assert logged["val/l1"] == 0
+        assert logged["val/ssim"] == pytest.approx(1)
+        assert logged["val/mask_iou"] == pytest.approx((1 / 2 + 2 / 3 + 1 + 1) / 4)
+
+    def test_has_the_structural_similarity_of_scikit_image(self, logged, monkeypatch):
+        module, given = build().eval(), batch()
+        drawn = (given["target"] + 0.3 * given["source"]).clamp(0, 1)
+        monkeypatch.setattr(module, "forward", lambda *given_: Rendering(drawn))
+        monkeypatch.setattr(module, "_compare", lambda *given_: {})
+        with torch.no_grad():
+            module.validation_step(given, 0)
+        settings = {"data_range": 1, "channel_axis": 0, "gaussian_weights": True, "use_sample_covariance": False}
+        one = [structural_similarity(a.numpy(), b.numpy(), **settings) for a, b in zip(drawn, given["target"])]  # noqa: B905
+        assert logged["val/ssim"] == pytest.approx(sum(one) / 4, abs=0.01)
+        assert "val/mask_iou" not in logged
 
     def test_reaches_generator_encoder_and_extents(self):
         module = build()
@@ -263,6 +290,7 @@ class TestTraining:
         [
             ({"loss_weights": {"picture": 1.0}}, "loss_weights: unknown picture; the names are image, mask"),
             ({"losses": {"kl": L1()}, "loss_weights": None}, "losses: kl is a name that is taken"),
+            ({"losses": {"ssim": L1()}, "loss_weights": None}, "losses: ssim is a name that is taken"),
         ],
     )
     def test_mistakes_in_the_losses_names_are_told_when_it_is_built(self, changes, said):
@@ -280,7 +308,7 @@ class TestCheckpoint:
         saved = torch.load(tmp_path / "all.ckpt", weights_only=True)
         assert dict(saved["hyper_parameters"]) == {
             "loss_weights": {"mask": 0.2}, "kl_weight": 0.01, "extents_weight": 0.3, "rate": 0.01, "compile": False,
-            "pixel_stride": 1, "photograph": None,
+            "pixel_stride": 1, "photograph": None, "symmetry": "none",
         }  # fmt: skip
         again = build()
         again.load_state_dict(saved["state_dict"])
@@ -290,6 +318,7 @@ class TestCheckpoint:
     def test_leaves_no_network_among_the_hyperparameters(self, jitter):
         module = build(jitter=jitter)
         plain = {"loss_weights", "kl_weight", "extents_weight", "rate", "compile", "pixel_stride", "photograph"}
+        plain |= {"symmetry"}
         plain |= set() if jitter else {"jitter"}
         assert set(module.hparams) == set(module.hparams_initial) == plain
 
@@ -333,47 +362,6 @@ class TestJitter:
             Jitter(**settings)
 
 
-class TestPictureGrid:
-    @quiet
-    def test_writes_a_row_an_object_after_each_validation(self, tmp_path):
-        grid = PictureGrid(num_objects=3, num_views=2)
-        runner = trainer(tmp_path, max_steps=-1, max_epochs=2, callbacks=[grid], logger=CSVLogger(tmp_path, "", ""))
-        runner.fit(build(), loader(), loader(count=1))
-        assert sorted(path.name for path in tmp_path.rglob("*.png")) == ["epoch_000.png", "epoch_001.png"]
-        picture = imread(next(iter(tmp_path.rglob("epoch_001.png"))))
-        # Source, target, reconstruction and two views a row.
-        assert picture.shape == (3 * SIDE, 5 * SIDE, 3)
-        given = batch(seed=0)
-        for row, number in enumerate((0, 1, 3)):
-            for column, name in enumerate(("source", "target")):
-                tile = picture[row * SIDE : (row + 1) * SIDE, column * SIDE : (column + 1) * SIDE]
-                expected = (given[name][number] * 255).round().byte().permute(1, 2, 0).numpy()
-                assert (tile == expected).all()
-
-    @quiet
-    def test_shows_fewer_rows_where_there_are_fewer_pictures(self, tmp_path):
-        runner = trainer(tmp_path, max_steps=-1, max_epochs=1, callbacks=[PictureGrid(9, 1)])
-        runner.fit(build(), loader(), loader(count=1))
-        assert imread(tmp_path / "pictures" / "epoch_000.png").shape == (4 * SIDE, 4 * SIDE, 3)
-
-    @quiet
-    def test_shows_it_to_a_logger_that_takes_pictures(self, tmp_path):
-        shown = []
-
-        class Gallery(CSVLogger):
-            @property
-            def experiment(self):
-                writer = super().experiment
-                writer.add_image = lambda *given, **settings: shown.append((given, settings))
-                return writer
-
-        runner = trainer(tmp_path, max_steps=-1, max_epochs=1, callbacks=[PictureGrid(2, 1)], logger=Gallery(tmp_path))
-        runner.fit(build(), loader(), loader(count=1))
-        (((name, pixels, step), settings),) = shown
-        assert (name, step, settings) == ("pictures", 3, {"dataformats": "HWC"})
-        assert pixels.shape == (2 * SIDE, 4 * SIDE, 3)
-
-
 @pytest.mark.slow
 def test_the_command_line_trains_goes_on_and_packs(tmp_path):
     def run(command, *words):
@@ -395,7 +383,9 @@ def test_the_command_line_trains_goes_on_and_packs(tmp_path):
     run("lightning", *fit, "--trainer.max_epochs", 2, "--ckpt_path", first)
     (second,) = set(tmp_path.rglob("last.ckpt")) - {first}
     assert torch.load(second, weights_only=True)["global_step"] == 8
-    assert {path.name for path in tmp_path.rglob("*.png")} == {"epoch_000.png", "epoch_001.png"}
+    for run_folder, epochs in ((first.parents[1], 1), (second.parents[1], 1)):
+        log = EventAccumulator(str(run_folder)).Reload()
+        assert len(log.Images("pictures")) == len(log.Scalars("val/l1")) == epochs
     heads = [*fit[:2], ROOT / "recipes" / "pose_head.yaml", *fit[3:]]
     heads[heads.index(tmp_path)] = tmp_path / "head"
     run("lightning", *heads, "--trainer.max_epochs", 1, "--model.init_args.compile", "false")

@@ -8,7 +8,7 @@ from lightning.pytorch import Trainer
 from torch.utils.data import DataLoader
 
 from kfit.generators import PoseHead
-from kfit.geometry import rotation_from_angles
+from kfit.geometry import rotation_error, rotation_from_angles
 from kfit.training import PoseTraining, Recolor
 
 SIDE = 16
@@ -53,6 +53,44 @@ def test_the_loss_is_the_mean_divergence_of_sources_and_targets(logged):
         module.validation_step(given, 0)
     torch.testing.assert_close(loss, torch.cat([one, other]).mean())
     assert logged == {"train/pose": pytest.approx(float(loss)), "val/pose": pytest.approx(float(loss))}
+
+
+@pytest.mark.parametrize(("symmetry", "median"), [("none", 25.0), ("y", 5.0)])
+def test_the_likeliest_pose_is_judged_by_itself_and_by_the_axis_where_azimuth_is_free(logged, symmetry, median):
+    class Says(PoseHead):
+        """Is sure of one bin, whatever it sees."""
+
+        def forward(self, image):
+            share = torch.full((len(image), len(self.azimuths), len(self.elevations)), -1e3)
+            share[:, len(self.azimuths) // 2, 4] = 0  # azimuth 5°, elevation 30°
+            return share
+
+    module = PoseTraining(Says(symmetry, channels=(8, 8), hidden_dim=8, image_size=SIDE)).eval()
+    given = batch(rows=3)
+    given |= {name: torch.full((3,), math.radians(35)) for name in ANGLES if "elevation" in name}
+    given |= {name: torch.full((3,), math.radians(30)) for name in ANGLES if "azimuth" in name}
+    with torch.no_grad():
+        module.test_step(given, 0)
+        module.on_test_epoch_end()
+    said, truth = (
+        rotation_from_angles(*torch.tensor(angles).deg2rad(), torch.tensor(0.0)) for angles in ((5, 30), (30, 35))
+    )
+    away = float(rotation_error(said, truth, symmetry).rad2deg())
+    assert away == pytest.approx(median, rel=0.2)
+    assert logged["test/rotation_deg"] == pytest.approx(away, abs=0.01)
+    assert (logged["test/within_10deg"], logged["test/within_30deg"]) == (float(away < 10), 1.0)
+
+
+def test_errors_of_one_validation_do_not_count_in_the_next(logged):
+    module = build().eval()
+    turn = torch.eye(3).expand(2, 3, 3)
+    for azimuth in (1.0, 0.0):
+        module.judge_rotations(turn, torch.full((2,), azimuth), torch.zeros(2), "none")
+        module.on_validation_epoch_end()
+    assert logged["val/rotation_deg"] == pytest.approx(0, abs=1e-4)
+    module.judge_rotations(turn * torch.nan, torch.zeros(2), torch.zeros(2), "none")
+    module.on_validation_epoch_end()
+    assert logged["val/rotation_deg"] == 180
 
 
 def test_views_are_recoloured_then_turned_in_training_alone(logged):
