@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from torch import Tensor
 
 # Width of a picture, space between two and height of a line of text in inches, and pixels an inch.
@@ -16,8 +17,7 @@ def picture_table(columns: Mapping[str, Tensor], rows: Sequence[str] = ()) -> Fi
     """Draw a table of pictures: a column a name, a row a picture of each.
 
     Args:
-        columns: by what is written above them, (R, 3, H, W) RGB or (R, 1, H, W) grey in [0, 1], all as high as wide as
-            one another.
+        columns: by what is written above them, (R, 3, H, W) RGB or (R, 1, H, W) grey in [0, 1], all of one size.
         rows: what is written beside each row; nothing where there are none.
 
     Returns:
@@ -36,8 +36,8 @@ def picture_table(columns: Mapping[str, Tensor], rows: Sequence[str] = ()) -> Fi
     lines = max(name.count("\n") + 1 for name in columns)
     text = LINE * lines + GAP
     size = (1.2 * LINE * bool(rows) + (CELL + GAP) * len(columns), text + (high + GAP) * count)
-    figure = Figure(figsize=size, dpi=DPI, layout="constrained")
-    figure.get_layout_engine().set(w_pad=GAP / 2, h_pad=GAP / 2, wspace=0, hspace=0)  # type: ignore[union-attr]
+    layout = ConstrainedLayoutEngine(w_pad=GAP / 2, h_pad=GAP / 2, wspace=0, hspace=0)
+    figure = Figure(figsize=size, dpi=DPI, layout=layout)
     grid = figure.subplots(count, len(columns), squeeze=False)
     for number, (name, pictures) in enumerate(columns.items()):
         grid[0, number].set_title(name, fontsize=9, pad=4)
