@@ -27,10 +27,10 @@ BITS = 4
 
 def draw_overlay(
     image: Any,
-    rotation: Tensor,
-    translation: Tensor,
-    size: Tensor,
-    intrinsics: Tensor,
+    rotation: Any,
+    translation: Any,
+    size: Any,
+    intrinsics: Any,
     seen: Tensor | None = None,
     drawing: Tensor | None = None,
     mask: Any = None,
@@ -43,7 +43,7 @@ def draw_overlay(
 
     Args:
         image: (H, W, 3) array or tensor, RGB in [0, 1].
-        rotation: (3, 3) object to camera, OpenCV axes.
+        rotation: (3, 3) array, tensor or nested lists, as the next three: object to camera, OpenCV axes.
         translation: (3,) in metres.
         size: (3,) extents of the object in metres.
         intrinsics: (3, 3) of the photo.
@@ -64,10 +64,12 @@ def draw_overlay(
     thick = max(1.0, max(photo.shape[:2]) / 400)
     if mask is not None:
         _draw_outline(photo, np.asarray(torch.as_tensor(mask).cpu(), np.float32), thick)
-    rotation, translation, size = (value.detach().cpu().double() for value in (rotation, translation, size))
+    rotation, translation, size, camera = (
+        torch.as_tensor(value).detach().cpu().double() for value in (rotation, translation, size, intrinsics)
+    )
     # Pixel centres are at integers, so it is the picture's corner at −1/2 that stays where it is.
     move = torch.tensor([[factor, 0, factor / 2 - 0.5], [0, factor, factor / 2 - 0.5], [0, 0, 1]], dtype=torch.float64)
-    _draw_pose(photo, rotation, translation, size, move @ intrinsics.detach().cpu().double(), thick)
+    _draw_pose(photo, rotation, translation, size, move @ camera, thick)
     if seen is not None or drawing is not None:
         _write(photo, "photo", thick)
     side = max(160, photo.shape[0] // 2)

@@ -1,5 +1,9 @@
+"""Every example runs as a reader runs it, ends in a picture that is worth showing, and keeps what it promises."""
+
 from __future__ import annotations
 
+import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -10,15 +14,96 @@ from skimage.io import imread
 from kfit import load
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
+SCRIPTS = sorted(path for path in EXAMPLES.rglob("*.py") if not path.name.startswith("_"))
 
 
-@pytest.mark.parametrize("script", sorted(path.name for path in EXAMPLES.glob("*.py") if path.name != "train_all.py"))
-def test_an_example_runs_and_ends_in_a_picture(script: str, tmp_path: Path) -> None:
-    picture = tmp_path / "out.png"
-    command = [sys.executable, "-W", "error", str(EXAMPLES / script), str(picture)]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
+def run(script: str, folder: Path, *words: str) -> str:
+    """What an example prints before its last line, which must name its picture."""
+    command = [sys.executable, "-W", "error", str(EXAMPLES / script), "made/here", *words]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=folder)
     assert done.returncode == 0, done.stderr
-    assert imread(picture).std() > 1
+    *said, last = done.stdout.splitlines()
+    assert Path(last).parent == Path("made/here")
+    picture = imread(folder / last)
+    height, width = picture.shape[:2]
+    assert 200 < height < 2400
+    assert 600 < width < 2400
+    assert picture[..., :3].std() > 20
+    return "\n".join(said)
+
+
+def numbers(pattern: str, said: str) -> list[float]:
+    return [float(number) for number in re.findall(pattern, said)]
+
+
+def test_examples_are_short_and_say_how_they_are_run() -> None:
+    assert len(SCRIPTS) > 8
+    for path in SCRIPTS:
+        text = path.read_text()
+        assert len(text.splitlines()) < 60, path
+        if "sys.argv" in text:
+            assert f"python {path.relative_to(EXAMPLES.parent)} " in text, path
+
+
+def test_a_fit_composed_by_hand_finds_unseen_laptops(tmp_path: Path) -> None:
+    errors = numbers(r"([\d.]+)°", run("compose_a_fit.py", tmp_path))
+    assert len(errors) == 3
+    assert max(errors) < 10
+
+
+def test_two_photos_are_registered_to_a_fraction_of_a_pixel(tmp_path: Path) -> None:
+    said = run("register_photos.py", tmp_path)
+    assert numbers(r"off by ([\d.]+) pixels", said)[0] < 0.1
+    assert numbers(r"gain ([\d.]+)", said)[0] == pytest.approx(0.8, abs=0.005)
+
+
+def test_the_pose_of_a_known_mesh_is_found(tmp_path: Path) -> None:
+    said = run("fit_known_mesh.py", tmp_path)
+    assert numbers(r"off by ([\d.]+)°", said)[0] < 3
+    assert numbers(r"scale ([\d.]+)", said)[0] == pytest.approx(1, abs=0.03)
+
+
+def test_an_energy_of_ones_own_named_in_a_recipe_bears_what_l1_does_not(tmp_path: Path) -> None:
+    plain, own = numbers(r"off by ([\d.]+) pixels", run("own_parts/fit.py", tmp_path))
+    assert own < 1.5 < plain
+
+
+def test_a_swapped_code_brings_its_colour_along(tmp_path: Path) -> None:
+    before, after = numbers(r"by ([\d.]+)", run("edit_appearance.py", tmp_path))
+    assert after < before / 2
+
+
+def denoised(said: str) -> list[tuple[float, float]]:
+    """PSNR and SSIM of the noisy picture, by L1 alone and by kfit's energies."""
+    return list(zip(numbers(r"PSNR ([\d.]+)", said), numbers(r"SSIM ([\d.]+)", said), strict=True))
+
+
+def test_networks_trained_by_either_loss_take_noise_off(tmp_path: Path) -> None:
+    noisy, plain, more = denoised(run("train_denoiser.py", tmp_path, "60"))
+    for psnr, ssim in (plain, more):
+        assert psnr > noisy[0] + 1
+        assert ssim > noisy[1] + 0.05
+
+
+@pytest.mark.slow
+def test_structure_and_features_keep_more_structure_than_l1_alone(tmp_path: Path) -> None:
+    noisy, plain, more = denoised(run("train_denoiser.py", tmp_path))
+    assert more[1] > plain[1] + 0.005
+    assert min(plain[0], more[0]) > noisy[0] + 8
+
+
+def test_depth_tells_how_far_away_a_small_mug_is(tmp_path: Path) -> None:
+    colour, depth = numbers(r"off by ([\d.]+) cm", run("pose_with_depth.py", tmp_path))
+    assert depth < 1 < 10 < colour
+
+
+@pytest.mark.slow
+def test_two_processes_fit_a_folder_and_another_run_finds_it_done(tmp_path: Path) -> None:
+    for _ in range(2):
+        run("fit_a_folder.py", tmp_path)
+        poses = {path.name: json.loads(path.read_text()) for path in tmp_path.glob("made/here/poses/mug*.json")}
+        assert sorted(poses) == [f"mug{number}.json" for number in range(6)]
+        assert {pose["intrinsics_from"] for pose in poses.values()} == {"EXIF"}
 
 
 @pytest.mark.slow
