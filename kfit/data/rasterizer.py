@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from kfit.core.check import check_count, check_list
 from kfit.data.mesh import Mesh
 from kfit.geometry import UNIT_FRACTION
 
@@ -113,6 +114,8 @@ def render(
     Raises:
         ValueError: If a part of the mesh lies at or behind the camera, which the rasterizer cannot clip.
     """
+    check_list("size", size, 2, check_count)
+    check_count("supersample", supersample, 1, 16)
     height, width = size
     rotation, shift = world2cam[:3, :3], world2cam[:3, 3]
     along = -(mesh.vertices @ rotation[2] + shift[2])

@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from kfit.baselines import OrientationRegressor
+from kfit.core.check import check_choice, check_positive, check_range
 from kfit.geometry import rotation_error, rotation_from_angles
 from kfit.training.disturb import Disturb
 from kfit.training.jitter import Jitter
@@ -46,6 +47,9 @@ class OrientationTraining(Training):
         compile: bool = False,
     ) -> None:
         super().__init__()
+        check_positive("rate", rate)
+        check_range("weight_decay", weight_decay, 0)
+        check_choice("compile", compile, (False, True))
         self.remember(inspect.currentframe())
         if weights is not None:
             regressor.fill(weights)

@@ -11,6 +11,8 @@ from lightning.pytorch import Callback, LightningModule, Trainer
 from skimage.io import imsave
 from torch import Tensor
 
+from kfit.core.check import check_count
+
 
 class PictureGrid(Callback):
     """Writes ``pictures/epoch_NNN.png`` into the run's folder after each validation, and shows it to a logger that
@@ -24,6 +26,8 @@ class PictureGrid(Callback):
     """
 
     def __init__(self, num_objects: int = 8, num_views: int = 6) -> None:
+        check_count("PictureGrid: num_objects", num_objects, 1, 1000)
+        check_count("PictureGrid: num_views", num_views, 1, 1000)
         self.num_objects, self.num_views = num_objects, num_views
         self._shown: dict[str, Tensor] | None = None
 
