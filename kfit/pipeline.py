@@ -82,7 +82,9 @@ class FitPipeline(nn.Module):
         check_count("num_starts", num_starts)
         check_count("num_steps", num_steps, 0)
         if num_candidates is not None:
-            check_count("num_candidates, at least as many as num_starts,", num_candidates, num_starts)
+            check_count("num_candidates", num_candidates)
+            if num_candidates < num_starts:
+                raise ValueError(f"num_candidates must be at least num_starts, {num_starts}, got {num_candidates}")
         if not energies:
             raise ValueError("energies must name at least one energy, got none")
         for name, given, check in (("weights", weights, _check_weight), ("rank_weights", rank_weights, check_range)):

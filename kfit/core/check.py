@@ -117,7 +117,9 @@ def check_list(name: str, values: Any, length: int | None, check: Callable[..., 
         raise TypeError(f"{name} must be a list, got {_said(values)}")
     _check_kind(name, values, Sequence, "a list")
     if len(values) != length if length is not None else not values:
-        raise ValueError(f"{name} must hold {'one or more' if length is None else length} items, got {_said(values)}")
+        raise ValueError(
+            f"{name} must hold {'at least one item' if length is None else f'{length} items'}, got {_said(values)}"
+        )
     for value in values:
         check(name, value, *bounds)
 
@@ -141,8 +143,8 @@ def check_rising(name: str, pair: Any, low: float, high: float) -> None:
         TypeError: if it is no list of numbers.
         ValueError: if they are not two, fall, or lie outside.
     """
-    check_list(name, pair, 2, check_range, low, high)
-    if pair[0] > pair[1]:
+    check_list(name, pair, 2, check_range)
+    if not low <= pair[0] <= pair[1] <= high:
         raise ValueError(f"{name} must rise within {low:g} to {high:g}, got {_said(pair)}")
 
 

@@ -155,7 +155,7 @@ def test_foreign_cut_and_ill_divided_files_are_refused(tmp_path):
     ("change", "message"),
     [
         ({"num_objects": 0}, "num_objects must be at least 1"),
-        ({"elevation_deg": (50, 20)}, "elevation_deg must run from low to high"),
+        ({"elevation_deg": (50, 20)}, "elevation_deg must rise within"),
         ({"source": "cup"}, "category must be one of"),
     ],
 )
