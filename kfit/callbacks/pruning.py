@@ -20,7 +20,7 @@ class Pruning(Callback):
     """
 
     def __init__(self, keep: dict[int, int]) -> None:
-        check_dict("Pruning: keep", keep, check_count)
+        check_dict("Pruning: keep", keep, check_count, keys=int)
         for step in keep:
             check_count("Pruning: step of keep", step, 0)
         self.keep = keep

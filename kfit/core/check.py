@@ -98,12 +98,15 @@ def check_choice(name: str, value: Any, choices: Iterable[str | bool]) -> None:
 
 
 def check_text(name: str, value: Any) -> None:
-    """Refuse what is neither text nor a path.
+    """Refuse what is neither text nor a path, and what holds line breaks and the like.
 
     Raises:
         TypeError: if it is something else.
+        ValueError: for control characters.
     """
     _check_kind(name, value, (str, PathLike), "text")
+    if any(ord(character) < 32 for character in str(value)):
+        raise ValueError(f"{name} must be text without control characters, got {_said(value)}")
 
 
 def check_list(name: str, values: Any, length: int | None, check: Callable[..., None], *bounds: Any) -> None:
@@ -124,15 +127,16 @@ def check_list(name: str, values: Any, length: int | None, check: Callable[..., 
         check(name, value, *bounds)
 
 
-def check_dict(name: str, values: Any, check: Callable[..., None], *bounds: Any) -> None:
-    """Refuse what is no dict, and values that ``check`` refuses.
+def check_dict(name: str, values: Any, check: Callable[..., None], *bounds: Any, keys: type = str) -> None:
+    """Refuse what is no dict, keys that are not of their type, and values that ``check`` refuses.
 
     Raises:
-        TypeError: if it is no dict, or by ``check``.
+        TypeError: if it or a key is none, or by ``check``.
         ValueError: by ``check``.
     """
     _check_kind(name, values, Mapping, "a dict")
     for key, value in values.items():
+        _check_kind(f"{name}: its keys", key, keys, f"of type {keys.__name__}")
         check(f"{name} of {key}", value, *bounds)
 
 

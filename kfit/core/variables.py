@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import torch
@@ -107,6 +108,8 @@ class Variable:
     space: Space = field(default_factory=Real)
 
     def __post_init__(self) -> None:
-        check_list("Variable: shape", self.shape, None if self.shape else 0, check_count)
+        check_list(
+            "Variable: shape", self.shape, None if isinstance(self.shape, Sequence) and self.shape else 0, check_count
+        )
         if not isinstance(self.space, Space):
             raise TypeError(f"Variable: space must be a kfit.core.Space, got {type(self.space).__name__}")

@@ -149,8 +149,9 @@ class ViewsDataModule(LightningDataModule):
         check_count("batch_size", batch_size)
         check_count("num_val_objects", num_val_objects)
         check_count("seed", seed, 0)
-        for name, path in {"cache_dir": cache_dir, "meshes": meshes or "", "views": views or ""}.items():
-            check_text(name, path)
+        for name, path in {"cache_dir": cache_dir, "meshes": meshes, "views": views}.items():
+            if path is not None or name == "cache_dir":
+                check_text(name, path)
         if meshes is not None and views is not None:
             raise ValueError(f"meshes and views must not both be given, but are {meshes!r} and {views!r}.")
         self.save_hyperparameters()

@@ -14,7 +14,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track
 
-from kfit.core.check import check_choice, check_count, check_range, check_rising, check_text
+from kfit.core.check import check_choice, check_count, check_list, check_range, check_rising, check_text
 from kfit.data import shapes
 from kfit.data.drawn_objects import DrawnObjects, in_order
 from kfit.data.rasterizer import DISTANCE
@@ -64,6 +64,11 @@ def build_views(
         ValueError: If a number is not positive, the range is reversed, or the category unknown.
         FileNotFoundError: If a mesh file is missing.
     """
+    check_text("path", path)
+    if isinstance(source, str):
+        check_choice("source", source, shapes.CATEGORIES)
+    else:
+        check_list("source", source, None, check_text)
     check_count("num_objects", num_objects)
     check_count("num_views", num_views)
     check_count("image_size", image_size, 1, 4096)

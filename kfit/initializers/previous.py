@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import torch
 
 from kfit.core import FitResult, Initializer, Observation, Variable, Variables
-from kfit.core.check import check_dict, check_names, check_range
+from kfit.core.check import check_choice, check_dict, check_list, check_names, check_range
 
 
 class Previous(Initializer):
@@ -29,7 +29,8 @@ class Previous(Initializer):
     def __init__(
         self, result: FitResult, on: Sequence[str] | None = None, spread: dict[str, float] | None = None
     ) -> None:
-        check_names("Previous: on", result.values if on is None else on, result.values)
+        if on is not None:
+            check_list("Previous: on", on, None, check_choice, result.values)
         self.on, self.spread = tuple(result.values if on is None else on), {} if spread is None else spread
         check_dict("Previous: spread", self.spread, check_range, 0)
         check_names("Previous: spread", self.spread, self.on)
