@@ -156,7 +156,7 @@ def test_foreign_cut_and_ill_divided_files_are_refused(tmp_path):
     [
         ({"num_objects": 0}, "num_objects must be at least 1"),
         ({"elevation_deg": (50, 20)}, "elevation_deg must rise within"),
-        ({"source": "cup"}, "category must be one of"),
+        ({"source": "cup"}, "source must be one of"),
     ],
 )
 def test_settings_that_make_no_sense_are_refused(tmp_path, change, message):

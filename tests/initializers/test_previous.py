@@ -45,7 +45,7 @@ def test_takes_over_only_what_it_is_told_to() -> None:
 
 
 def test_refuses_what_it_cannot_start_from() -> None:
-    with pytest.raises(ValueError, match="Previous: on: unknown tilt; the names are azimuth, code, scale"):
+    with pytest.raises(ValueError, match=r"Previous: on must be one of .*code.* got .tilt"):
         Previous(answer(), on=("tilt",))
     with pytest.raises(ValueError, match="Previous: spread: unknown code; the names are azimuth"):
         Previous(answer(), on=("azimuth",), spread={"code": 0.1})
