@@ -26,7 +26,7 @@ from kfit.core import (
     Variables,
     frozen,
 )
-from kfit.core.check import check_names
+from kfit.core.check import check_count, check_dict, check_names, check_range
 from kfit.core.recorder import Recorder
 from kfit.core.rows import best_first
 from kfit.core.seeds import mixed_seed
@@ -79,14 +79,18 @@ class FitPipeline(nn.Module):
         num_candidates: int | None = None,
     ) -> None:
         super().__init__()
-        if num_starts < 1 or num_steps < 0:
-            raise ValueError(f"num_starts must be at least 1, num_steps at least 0, got {num_starts} and {num_steps}")
-        if num_candidates is not None and num_candidates < num_starts:
-            raise ValueError(f"num_candidates must be at least num_starts, {num_starts}, got {num_candidates}")
+        check_count("num_starts", num_starts)
+        check_count("num_steps", num_steps, 0)
+        if num_candidates is not None:
+            check_count("num_candidates", num_candidates)
+            if num_candidates < num_starts:
+                raise ValueError(f"num_candidates must be at least num_starts, {num_starts}, got {num_candidates}")
         if not energies:
             raise ValueError("energies must name at least one energy, got none")
-        check_names("weights", weights or {}, energies)
-        check_names("rank_weights", rank_weights or {}, energies)
+        for name, given, check in (("weights", weights, _check_weight), ("rank_weights", rank_weights, check_range)):
+            if given is not None:
+                check_dict(name, given, check)
+                check_names(name, given, energies)
         for name, energy in energies.items():
             if isinstance(energy, Prior):
                 on = [energy.on] if isinstance(energy.on, str) else energy.on
@@ -148,12 +152,15 @@ class FitPipeline(nn.Module):
 
         Args:
             observation: what was seen.
-            seed: with the problems' keys it decides every random number; taken from torch's generator unless given.
+            seed: with the problems' keys it decides every random number, at least 0; taken from torch's generator
+                unless given.
 
         Raises:
             ValueError: for an observation without pictures or without a field that an energy compares.
             FitError: if every start of every problem became NaN or infinite.
         """
+        if seed is not None:
+            check_count("seed", seed, 0)
         # A fit inside `trainer.predict` finds inference mode on, under which no gradient can be asked for.
         with torch.inference_mode(False), torch.no_grad():
             return self._fit(observation.map(lambda tensor: tensor.clone() if tensor.is_inference() else tensor), seed)
@@ -231,6 +238,11 @@ class FitPipeline(nn.Module):
             best_values=best,
             optimizer=memory,
         )
+
+
+def _check_weight(name: str, weight: Any) -> None:
+    if not isinstance(weight, Schedule):
+        check_range(name, weight)
 
 
 def _tail(rows: Tensor, like: Tensor) -> Tensor:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 from kfit.core import Schedule
-from kfit.core.check import check_range
+from kfit.core.check import check_list, check_range
 
 
 class Linear(Schedule):
@@ -20,6 +20,8 @@ class Linear(Schedule):
     """
 
     def __init__(self, start: float, end: float) -> None:
+        check_range("start", start)
+        check_range("end", end)
         self.start, self.end = start, end
 
     def __call__(self, step: int, num_steps: int) -> float:
@@ -39,6 +41,8 @@ class Cosine(Schedule):
     """
 
     def __init__(self, start: float, end: float) -> None:
+        check_range("start", start)
+        check_range("end", end)
         self.start, self.end = start, end
 
     def __call__(self, step: int, num_steps: int) -> float:
@@ -59,10 +63,8 @@ class Step(Schedule):
     """
 
     def __init__(self, weights: Sequence[float], at: Sequence[float]) -> None:
-        if len(weights) != len(at) + 1:
-            raise ValueError(f"weights must hold one number more than at, got {len(weights)} and {len(at)}")
-        for share in at:
-            check_range("at", share, 0, 1)
+        check_list("weights", weights, None, check_range)
+        check_list("at, one number fewer than weights,", at, len(weights) - 1, check_range, 0, 1)
         if list(at) != sorted(at):
             raise ValueError(f"at must rise, got {list(at)}")
         self.weights, self.at = tuple(weights), tuple(at)

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from kfit.core.check import check_shape
+from kfit.core.check import check_choice, check_count, check_list, check_shape
 from kfit.geometry import Symmetry
 
 # How many turns a free turn about y is cut into; NOCS's loss tries as many.
@@ -44,10 +44,9 @@ class CoordinateRegressor(nn.Module):
         self, symmetry: Symmetry = "none", channels: Sequence[int] = (24, 48, 96, 160, 160), num_bins: int = 32
     ) -> None:
         super().__init__()
-        if symmetry not in ("none", "y"):
-            raise ValueError(f"CoordinateRegressor: symmetry must be 'none' or 'y', got {symmetry!r}")
-        if num_bins < 2:
-            raise ValueError(f"CoordinateRegressor: num_bins must be at least 2, got {num_bins}")
+        check_choice("CoordinateRegressor: symmetry", symmetry, ("none", "y"))
+        check_list("CoordinateRegressor: channels", channels, None, check_count, 1, 4096)
+        check_count("CoordinateRegressor: num_bins", num_bins, 2, 1024)
         self.num_bins = num_bins
         self.register_buffer("centres", (torch.arange(num_bins) + 0.5) / num_bins - 0.5, persistent=False)
         count = NUM_TURNS if symmetry == "y" else 1

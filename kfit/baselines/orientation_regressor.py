@@ -6,7 +6,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from kfit.core.check import check_shape
+from kfit.core.check import check_choice, check_count, check_shape
 from kfit.features import VGG16
 from kfit.geometry import Symmetry
 
@@ -40,9 +40,10 @@ class OrientationRegressor(nn.Module):
 
     def __init__(self, symmetry: Symmetry = "none", hidden_dim: int = 1024, image_size: int = 64) -> None:
         super().__init__()
-        if symmetry not in ("none", "y"):
-            raise ValueError(f"OrientationRegressor: symmetry must be 'none' or 'y', got {symmetry!r}")
-        if image_size < 32 or image_size % 32:
+        check_choice("OrientationRegressor: symmetry", symmetry, ("none", "y"))
+        check_count("OrientationRegressor: hidden_dim", hidden_dim, 1, 4096)
+        check_count("OrientationRegressor: image_size", image_size, 32, 1024)
+        if image_size % 32:
             raise ValueError(f"OrientationRegressor: image_size must be a multiple of 32, got {image_size}")
         self.symmetry, self.image_size = symmetry, image_size
         self.register_buffer("mean", torch.tensor(MEAN).view(1, 3, 1, 1), persistent=False)

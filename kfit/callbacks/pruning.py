@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from kfit.core import Callback, FitState
+from kfit.core.check import check_count, check_dict
 from kfit.core.rows import best_first
 
 
@@ -19,9 +20,9 @@ class Pruning(Callback):
     """
 
     def __init__(self, keep: dict[int, int]) -> None:
-        for step, count in keep.items():
-            if count < 1 or step < 0:
-                raise ValueError(f"Pruning: keep must map steps ≥ 0 to counts ≥ 1, got {step}: {count}")
+        check_dict("Pruning: keep", keep, check_count, keys=int)
+        for step in keep:
+            check_count("Pruning: step of keep", step, 0)
         self.keep = keep
 
     def on_step(self, state: FitState) -> FitState:

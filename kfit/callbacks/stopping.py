@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 
 from kfit.core import Callback, FitState
-from kfit.core.check import check_range
+from kfit.core.check import check_count, check_range
 
 BEST, SINCE = "stopping: energy", "stopping: steps"
 
@@ -26,7 +26,7 @@ class Stopping(Callback):
 
     def __init__(self, tolerance: float = 0.001, patience: int = 3) -> None:
         check_range("Stopping: tolerance", tolerance, 0, 1 - 1e-9)
-        check_range("Stopping: patience", patience, 1, float("inf"))
+        check_count("Stopping: patience", patience)
         self.tolerance, self.patience = tolerance, patience
 
     def on_step(self, state: FitState) -> FitState:

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+import math
+import reprlib
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from numbers import Integral, Real
+from os import PathLike
+from typing import Any
 
 from torch import Tensor
 
@@ -37,28 +42,143 @@ def check_float(name: str, value: Tensor) -> None:
         raise TypeError(f"{name} must be a floating-point tensor, got {value.dtype}")
 
 
-def check_range(name: str, value: float, low: float, high: float) -> None:
-    """Refuse a number outside [low, high].
+def check_range(name: str, value: Any, low: float = -math.inf, high: float = math.inf) -> None:
+    """Refuse what is no finite number in [low, high]; booleans are no numbers.
 
     Raises:
-        ValueError: if it lies outside or is NaN.
+        TypeError: if it is no number.
+        ValueError: if it lies outside, is infinite or NaN.
     """
-    if not low <= value <= high:
-        raise ValueError(f"{name} must lie between {low:g} and {high:g}, got {value!r}")
+    _check_kind(name, value, Real, "a number")
+    # not `isfinite`, which overflows on large whole numbers
+    if not (low <= value <= high and -math.inf < value < math.inf):
+        beyond = "be finite" if low == -math.inf else f"be finite and at least {low:g}"
+        wanted = beyond if high == math.inf else f"lie between {low:g} and {high:g}"
+        raise ValueError(f"{name} must {wanted}, got {_said(value)}")
+
+
+def check_positive(name: str, value: Any) -> None:
+    """Refuse what is no finite number above 0.
+
+    Raises:
+        TypeError: if it is no number.
+        ValueError: if it is not above 0, infinite or NaN.
+    """
+    _check_kind(name, value, Real, "a number")
+    if not 0 < value < math.inf:
+        raise ValueError(f"{name} must be above 0 and finite, got {_said(value)}")
+
+
+def check_count(name: str, value: Any, least: int = 1, most: int | None = None) -> None:
+    """Refuse what is no whole number from ``least`` to ``most``; neither booleans nor 2.0 are whole numbers.
+
+    Raises:
+        TypeError: if it is no whole number.
+        ValueError: if it is too small or too large.
+    """
+    _check_kind(name, value, Integral, "a whole number")
+    if value < least or (most is not None and value > most):
+        wanted = f"be at least {least}" if most is None else f"lie between {least} and {most}"
+        raise ValueError(f"{name} must {wanted}, got {_said(value)}")
+
+
+def check_choice(name: str, value: Any, choices: Iterable[str | bool]) -> None:
+    """Refuse what is none of the choices; (False, True) are those of a switch, where 1 is neither.
+
+    Raises:
+        TypeError: if it is not of their type.
+        ValueError: if it is none of them.
+    """
+    choices = list(choices)
+    if any(isinstance(value, type(choice)) and value == choice for choice in choices):
+        return
+    error = ValueError if isinstance(value, type(choices[0])) else TypeError
+    words = " or ".join(map(repr, choices)) if len(choices) == 2 else f"one of {', '.join(map(str, choices))}"
+    raise error(f"{name} must be {words}, got {_said(value)}")
+
+
+def check_text(name: str, value: Any) -> None:
+    """Refuse what is neither text nor a path, and what holds line breaks and the like.
+
+    Raises:
+        TypeError: if it is something else.
+        ValueError: for control characters.
+    """
+    _check_kind(name, value, (str, PathLike), "text")
+    if any(ord(character) < 32 for character in str(value)):
+        raise ValueError(f"{name} must be text without control characters, got {_said(value)}")
+
+
+def check_list(name: str, values: Any, length: int | None, check: Callable[..., None], *bounds: Any) -> None:
+    """Refuse what is no list or tuple of ``length`` items, or of any number but none, and items that ``check`` refuses.
+
+    Raises:
+        TypeError: if it is no list, or by ``check``.
+        ValueError: if it is empty or of another length, or by ``check``.
+    """
+    if isinstance(values, str | bytes):  # sequences too
+        raise TypeError(f"{name} must be a list, got {_said(values)}")
+    _check_kind(name, values, Sequence, "a list")
+    if len(values) != length if length is not None else not values:
+        raise ValueError(
+            f"{name} must hold {'at least one item' if length is None else f'{length} items'}, got {_said(values)}"
+        )
+    for value in values:
+        check(name, value, *bounds)
+
+
+def check_dict(name: str, values: Any, check: Callable[..., None], *bounds: Any, keys: type = str) -> None:
+    """Refuse what is no dict, keys that are not of their type, and values that ``check`` refuses.
+
+    Raises:
+        TypeError: if it or a key is none, or by ``check``.
+        ValueError: by ``check``.
+    """
+    _check_kind(name, values, Mapping, "a dict")
+    for key, value in values.items():
+        _check_kind(f"{name}: its keys", key, keys, f"of type {keys.__name__}")
+        check(f"{name} of {key}", value, *bounds)
+
+
+def check_rising(name: str, pair: Any, low: float, high: float) -> None:
+    """Refuse what are no two numbers in [low, high], the second no less than the first.
+
+    Raises:
+        TypeError: if it is no list of numbers.
+        ValueError: if they are not two, fall, or lie outside.
+    """
+    check_list(name, pair, 2, check_range)
+    if not low <= pair[0] <= pair[1] <= high:
+        raise ValueError(f"{name} must rise within {low:g} to {high:g}, got {_said(pair)}")
 
 
 def check_names(name: str, given: Iterable[str], known: Collection[str], complete: bool = False) -> None:
     """Refuse names that do not exist and, where ``complete``, names that are missing.
 
     Raises:
+        TypeError: if ``given`` holds no names.
         ValueError: listing the names that exist.
     """
+    if isinstance(given, str) or not isinstance(given, Iterable):
+        raise TypeError(f"{name} must hold names, got {_said(given)}")
     given = list(given)
+    if strange := [item for item in given if not isinstance(item, str)]:
+        raise TypeError(f"{name} must hold names, got {_said(strange[0])}")
     unknown = sorted(set(given) - set(known))
     missing = sorted(set(known) - set(given)) if complete else []
     if unknown or missing:
         said = f"unknown {', '.join(unknown)}" if unknown else f"nothing for {', '.join(missing)}"
         raise ValueError(f"{name}: {said}; the names are {', '.join(sorted(known))}")
+
+
+def _check_kind(name: str, value: Any, kind: Any, words: str) -> None:
+    if isinstance(value, bool) or not isinstance(value, kind):
+        raise TypeError(f"{name} must be {words}, got {_said(value)}")
+
+
+def _said(value: Any) -> str:
+    """What came, in a few words on one line, however long its own are."""
+    return " ".join(reprlib.repr(value).split())
 
 
 def _spell(shape: tuple[int | str, ...]) -> str:

@@ -7,10 +7,13 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import torch
 from torch import Tensor
+
+from kfit.core.check import check_count, check_list, check_range
 
 Variables = dict[str, Tensor]
 
@@ -65,6 +68,8 @@ class Bounded(Space):
     high: float
 
     def __post_init__(self) -> None:
+        check_range("Bounded: low", self.low)
+        check_range("Bounded: high", self.high)
         if not self.low < self.high:
             raise ValueError(f"Bounded needs low < high, got low {self.low:g} and high {self.high:g}")
 
@@ -94,7 +99,17 @@ class Variable:
     Attributes:
         shape: shape of one value, without rows: ``()`` for a number, ``(16,)`` for a code.
         space: where its values live.
+
+    Raises:
+        TypeError, ValueError: if ``shape`` holds something but whole numbers of at least 1, or ``space`` is none.
     """
 
     shape: tuple[int, ...] = ()
     space: Space = field(default_factory=Real)
+
+    def __post_init__(self) -> None:
+        check_list(
+            "Variable: shape", self.shape, None if isinstance(self.shape, Sequence) and self.shape else 0, check_count
+        )
+        if not isinstance(self.space, Space):
+            raise TypeError(f"Variable: space must be a kfit.core.Space, got {type(self.space).__name__}")

@@ -11,6 +11,7 @@ from lightning import LightningDataModule
 from torch import Tensor
 from torch.utils.data import DataLoader
 
+from kfit.core.check import check_choice, check_count, check_text
 from kfit.data.mesh_files import find_meshes
 from kfit.data.view_pairs import ViewPairs
 from kfit.data.views import Views, build_views
@@ -64,12 +65,18 @@ class ViewsDataModule(LightningDataModule):
         seed: int = 0,
     ) -> None:
         super().__init__()
-        if category not in CATEGORIES:
-            raise ValueError(f"category must be one of {', '.join(CATEGORIES)}, but is {category!r}.")
+        check_choice("category", category, CATEGORIES)
+        check_count("num_objects", num_objects)
+        check_count("num_views", num_views, 2)
+        check_count("image_size", image_size, 1, 4096)
+        check_count("batch_size", batch_size)
+        check_count("num_val_objects", num_val_objects)
+        check_count("seed", seed, 0)
+        for name, path in {"cache_dir": cache_dir, "meshes": meshes, "views": views}.items():
+            if path is not None or name == "cache_dir":
+                check_text(name, path)
         if meshes is not None and views is not None:
             raise ValueError(f"meshes and views must not both be given, but are {meshes!r} and {views!r}.")
-        if num_views < 2:
-            raise ValueError(f"num_views must be at least 2 to make pairs, but is {num_views}.")
         self.save_hyperparameters()
         self.category, self.num_objects, self.num_views, self.image_size = category, num_objects, num_views, image_size
         self.batch_size, self.cache_dir, self.meshes, self.views = batch_size, cache_dir, meshes, views

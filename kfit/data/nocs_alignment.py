@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 from skimage.measure import ransac
 from skimage.transform import SimilarityTransform
 
+from kfit.core.check import check_count, check_positive
+
 _MIN_PAIRS = 16
 
 
@@ -38,6 +40,9 @@ def align(
     Raises:
         ValueError: if there are fewer than 16 pairs, or no similarity explains a tenth of them.
     """
+    check_positive("tolerance", tolerance)
+    check_count("num_trials", num_trials)
+    check_count("seed", seed, 0)
     if coordinates.shape != points.shape or coordinates.ndim != 2 or coordinates.shape[1] != 3:
         raise ValueError(f"coordinates and points must both be (M, 3), got {coordinates.shape} and {points.shape}")
     if len(points) < _MIN_PAIRS:

@@ -8,6 +8,7 @@ from typing import Literal, overload
 
 import numpy as np
 
+from kfit.core.check import check_choice, check_text
 from kfit.data.nocs_frame import CAMERA_INTRINSICS, REAL_INTRINSICS, NOCSFrame, read_frame
 
 Split = Literal["camera_train", "camera_val", "real_train", "real_test"]
@@ -41,8 +42,8 @@ class NOCSFrames(Sequence[NOCSFrame]):
     """
 
     def __init__(self, root: str | Path, split: Split) -> None:
-        if split not in _PLACES:
-            raise ValueError(f"split must be one of {', '.join(_PLACES)}, got {split!r}")
+        check_text("root", root)
+        check_choice("split", split, _PLACES)
         root = Path(root)
         folder = next((root / place for place in _PLACES[split] if (root / place).is_dir()), None)
         if folder is None:

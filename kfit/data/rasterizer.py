@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from kfit.core.check import check_count, check_list, check_range
 from kfit.data.mesh import Mesh
 from kfit.geometry import UNIT_FRACTION
 
@@ -35,6 +36,10 @@ class Light:
     colors: np.ndarray
     specular: float = 0.0
     shininess: float = 30.0
+
+    def __post_init__(self) -> None:
+        check_range("Light: specular", self.specular, 0)
+        check_range("Light: shininess", self.shininess, 0)
 
     @staticmethod
     def random(rng: np.random.Generator) -> Light:
@@ -113,6 +118,8 @@ def render(
     Raises:
         ValueError: If a part of the mesh lies at or behind the camera, which the rasterizer cannot clip.
     """
+    check_list("size", size, 2, check_count)
+    check_count("supersample", supersample, 1, 16)
     height, width = size
     rotation, shift = world2cam[:3, :3], world2cam[:3, 3]
     along = -(mesh.vertices @ rotation[2] + shift[2])
@@ -164,6 +171,11 @@ def pose_view(
     ``R_cam_obj = Rx(elevation)·Ry(azimuth)``; the camera stands ``distance`` diagonals away on its own z axis and looks
     at the object's centre; ``focal = unit_fraction · image_size · distance`` pixels.
     """
+    check_range("elevation", elevation)
+    check_range("azimuth", azimuth)
+    check_count("image_size", image_size, 1, 4096)
+    check_range("distance", distance, 1, 1e6)
+    check_range("unit_fraction", unit_fraction, 0.1, 10)
     return render(
         mesh,
         standard_pose(elevation, azimuth, distance),

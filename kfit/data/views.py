@@ -14,6 +14,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track
 
+from kfit.core.check import check_choice, check_count, check_list, check_range, check_rising, check_text
 from kfit.core.whole_files import write_whole
 from kfit.data import shapes
 from kfit.data.drawn_objects import DrawnObjects, in_order
@@ -66,11 +67,20 @@ def build_views(
         ValueError: If a number is not positive, the range is reversed, or the category unknown.
         FileNotFoundError: If a mesh file is missing.
     """
-    for name, value in {"num_objects": num_objects, "num_views": num_views, "image_size": image_size}.items():
-        if value < 1:
-            raise ValueError(f"{name} must be at least 1, but is {value}.")
-    if elevation_deg[0] > elevation_deg[1]:
-        raise ValueError(f"elevation_deg must run from low to high, but is {tuple(elevation_deg)}.")
+    check_text("path", path)
+    if isinstance(source, str):
+        check_choice("source", source, shapes.CATEGORIES)
+    else:
+        check_list("source", source, None, check_text)
+    check_count("num_objects", num_objects)
+    check_count("num_views", num_views)
+    check_count("image_size", image_size, 1, 4096)
+    check_count("seed", seed, 0)
+    check_choice("held_out", held_out, (False, True))
+    check_rising("elevation_deg", elevation_deg, -90, 90)
+    check_range("distance", distance, 1, 1e6)
+    check_range("unit_fraction", unit_fraction, 0.1, 10)
+    check_count("supersample", supersample, 1, 16)
     settings: dict[str, Any] = {
         "source": source if isinstance(source, str) else [f"{Path(f).name} {Path(f).stat().st_size}" for f in source],
         "shapes_version": shapes.VERSION,
@@ -165,6 +175,9 @@ class Views:
     """
 
     def __init__(self, path: str | Path, num_views: int | None = None) -> None:
+        check_text("path", path)
+        if num_views is not None:
+            check_count("num_views", num_views)
         path = Path(path)
         if not path.exists():
             raise FileNotFoundError(f"path must name a file of views, but {path} does not exist.")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from torch import Tensor
 
 from kfit.core import ResidualPrior
+from kfit.core.check import check_text
 
 
 class CodePrior(ResidualPrior):
@@ -21,6 +22,7 @@ class CodePrior(ResidualPrior):
 
     def __init__(self, on: str = "code") -> None:
         super().__init__()
+        check_text("CodePrior: on", on)
         self.on = on
 
     def residuals(self, value: Tensor, prepared: None = None) -> Tensor:

@@ -9,7 +9,7 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from kfit.core import Energy
-from kfit.core.check import check_shape
+from kfit.core.check import check_count, check_shape
 from kfit.energies.weighting import shares
 
 # A variance of about one grey level of 256, squared: windows flatter than that tell noise.
@@ -35,7 +35,8 @@ class LocalNCC(Energy):
 
     def __init__(self, window_size: int = 9) -> None:
         super().__init__()
-        if window_size < 3 or window_size % 2 == 0:
+        check_count("window_size", window_size, 3)
+        if window_size % 2 == 0:
             raise ValueError(f"window_size must be odd and at least 3, got {window_size}")
         self.window_size = window_size
 

@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from kfit.core import ResidualEnergy
+from kfit.core.check import check_choice
 from kfit.energies.weighting import painted, shares
 from kfit.features import VGG16, AlexNet, FeatureNetwork
 
@@ -44,12 +45,11 @@ class LPIPS(ResidualEnergy):
     def __init__(self, backbone: Literal["alex", "vgg"] = "alex", weights: str | None = None) -> None:
         super().__init__()
         self.network: FeatureNetwork
+        check_choice("backbone", backbone, ("alex", "vgg"))
         if backbone == "alex":
             self.network = AlexNet(tuple(f"relu{number}" for number in range(1, 6)), weights)
-        elif backbone == "vgg":
-            self.network = VGG16(("relu1_2", "relu2_2", "relu3_3", "relu4_3", "relu5_3"), weights)
         else:
-            raise ValueError(f"backbone must be 'alex' or 'vgg', got {backbone!r}")
+            self.network = VGG16(("relu1_2", "relu2_2", "relu3_3", "relu4_3", "relu5_3"), weights)
         for number, head in enumerate(_heads(backbone)):
             self.register_buffer(f"head{number}", head, persistent=False)
 

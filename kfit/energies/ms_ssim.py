@@ -10,7 +10,7 @@ from kornia.filters import filter2d_separable, get_gaussian_kernel1d
 from torch import Tensor
 
 from kfit.core import Energy
-from kfit.core.check import check_shape
+from kfit.core.check import check_count, check_shape
 from kfit.energies.weighting import painted, shares
 
 # Wang et al. 2003, section 3.2: how much each scale counted to their observers, the finest first
@@ -43,9 +43,10 @@ class MSSSIM(Energy):
 
     def __init__(self, num_scales: int | None = None, window_size: int = 11) -> None:
         super().__init__()
-        if num_scales is not None and not 1 <= num_scales <= len(_EXPONENTS):
-            raise ValueError(f"num_scales must lie between 1 and {len(_EXPONENTS)}, got {num_scales}")
-        if window_size < 1 or window_size % 2 == 0:
+        if num_scales is not None:
+            check_count("num_scales", num_scales, 1, len(_EXPONENTS))
+        check_count("window_size", window_size)
+        if window_size % 2 == 0:
             raise ValueError(f"window_size must be odd and positive, got {window_size}")
         self.num_scales, self.window_size = num_scales, window_size
 

@@ -9,7 +9,7 @@ from kornia.losses.mutual_information import xu_kernel
 from torch import Tensor
 
 from kfit.core import Energy
-from kfit.core.check import check_shape
+from kfit.core.check import check_count, check_shape
 from kfit.energies.weighting import shares
 
 
@@ -34,8 +34,7 @@ class MutualInformation(Energy):
 
     def __init__(self, num_bins: int = 32) -> None:
         super().__init__()
-        if num_bins < 2:
-            raise ValueError(f"num_bins must be at least 2, got {num_bins}")
+        check_count("num_bins", num_bins, 2, 1024)
         self.num_bins = num_bins
 
     def prepare(self, target: Any, weight: Tensor | None = None) -> Any:

@@ -11,6 +11,7 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from kfit.core import Energy, ResidualEnergy
+from kfit.core.check import check_count
 
 
 class Pyramid(Energy):
@@ -31,8 +32,7 @@ class Pyramid(Energy):
 
     def __init__(self, energy: Energy, num_levels: int = 3) -> None:
         super().__init__()
-        if num_levels < 1:
-            raise ValueError(f"num_levels must be at least 1, got {num_levels}")
+        check_count("num_levels", num_levels)
         self.energy, self.num_levels, self.on = energy, num_levels, energy.on
 
     def prepare(self, target: Any, weight: Tensor | None = None) -> Any:

@@ -11,7 +11,7 @@ from kornia.losses import cauchy_loss, charbonnier_loss, geman_mcclure_loss, wel
 from torch import Tensor
 
 from kfit.core import ResidualEnergy
-from kfit.core.check import check_shape
+from kfit.core.check import check_positive, check_shape
 from kfit.energies.weighting import shares
 
 
@@ -21,8 +21,7 @@ class _Robust(ResidualEnergy):
 
     def __init__(self, scale: float = 0.1) -> None:
         super().__init__()
-        if not scale > 0:
-            raise ValueError(f"scale must be above 0, got {scale!r}")
+        check_positive("scale", scale)
         self.scale = scale
 
     def residuals(self, prediction: Any, prepared: Any) -> Tensor:

@@ -8,7 +8,7 @@ from kornia.metrics import ssim
 from torch import Tensor
 
 from kfit.core import Energy
-from kfit.core.check import check_shape
+from kfit.core.check import check_count, check_shape
 from kfit.energies.weighting import painted, shares
 
 
@@ -31,7 +31,8 @@ class SSIM(Energy):
 
     def __init__(self, window_size: int = 11) -> None:
         super().__init__()
-        if window_size < 1 or window_size % 2 == 0:
+        check_count("window_size", window_size)
+        if window_size % 2 == 0:
             raise ValueError(f"window_size must be odd and positive, got {window_size}")
         self.window_size = window_size
 

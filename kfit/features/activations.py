@@ -10,7 +10,7 @@ from typing import Any
 from torch import Tensor, nn
 
 from kfit.core import frozen
-from kfit.core.check import check_names
+from kfit.core.check import check_count, check_list, check_names, check_text
 from kfit.features.network import FeatureNetwork
 
 # Where the hooks of the call at hand put what they saw. Threads share networks, and each has a context of its own.
@@ -49,8 +49,9 @@ class Activations(FeatureNetwork):
         std: tuple[float, float, float] = (0.229, 0.224, 0.225),
     ) -> None:
         super().__init__(mean, std)
-        if not layers:
-            raise ValueError("layers must name at least one module, got none")
+        check_list("layers", layers, None, check_text)
+        if num_prefix_tokens is not None:
+            check_count("num_prefix_tokens", num_prefix_tokens, 0)
         self.network, self.layers, self.num_prefix_tokens = frozen(network), tuple(layers), num_prefix_tokens
         modules = dict(self.network.named_modules())
         check_names("layers", layers, modules)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from torch import Tensor, nn
 
-from kfit.core.check import check_names
+from kfit.core.check import check_choice, check_list
 from kfit.features.network import FeatureNetwork
 from kfit.features.published import fill_published
 
@@ -45,9 +45,7 @@ class AlexNet(FeatureNetwork):
 
     def __init__(self, layers: Sequence[str] = ("relu3",), weights: str | None = None) -> None:
         super().__init__()
-        check_names("layers", layers, _NAMES)
-        if not layers:
-            raise ValueError(f"layers must name at least one of {', '.join(_NAMES)}")
+        check_list("layers", layers, None, check_choice, _NAMES)
         self.features = nn.Sequential()
         self.layers: dict[int, str] = {}
         channels = 3

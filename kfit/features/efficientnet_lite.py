@@ -9,6 +9,7 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 from torch.nn.utils.fusion import fuse_conv_bn_weights
 
+from kfit.core.check import check_count, check_list
 from kfit.features.network import FeatureNetwork
 
 # (repeats, kernel, stride, expansion, channels) of each stage, the repeats after the first with stride 1
@@ -47,8 +48,7 @@ class EfficientNetLite0(FeatureNetwork):
     def __init__(self, layers: Sequence[int] = (1, 3, 5)) -> None:
         super().__init__(mean=(127 / 255,) * 3, std=(128 / 255,) * 3)
         num_blocks = sum(stage[0] for stage in _STAGES)
-        if not layers or not all(0 <= layer < num_blocks for layer in layers):
-            raise ValueError(f"layers must be block numbers from 0 to {num_blocks - 1}, got {tuple(layers)}")
+        check_list("layers, which are block numbers,", layers, None, check_count, 0, num_blocks - 1)
         state = _weights()
         self.layers = frozenset(layers)
         self.stem = _convolution(state, "_conv_stem", "_bn0", stride=2)

@@ -12,6 +12,8 @@ from safetensors import SafetensorError
 from safetensors.torch import load_file
 from torch import Tensor, nn
 
+from kfit.core.check import check_text
+
 
 def fill_published(network: nn.Module, url: str, megabytes: int, weights: str | None = None) -> None:
     """Fill a network with torchvision's published numbers for its parameters' names.
@@ -27,6 +29,8 @@ def fill_published(network: nn.Module, url: str, megabytes: int, weights: str | 
         FileNotFoundError: if there is no file at ``weights``.
         RuntimeError: if the published file can not be fetched.
     """
+    if weights is not None:
+        check_text("weights", weights)
     name = type(network).__name__
     state = _read(weights) if weights is not None else _fetch(name, url, megabytes)
     for parameter_name, parameter in network.named_parameters():
@@ -60,7 +64,7 @@ def _read(path: str) -> Mapping[str, Tensor]:
     if not Path(path).is_file():
         raise FileNotFoundError(f"weights: there is no file {path}")
     try:
-        if path.endswith(".safetensors"):
+        if str(path).endswith(".safetensors"):
             return load_file(path)
         state = torch.load(path, map_location="cpu", weights_only=True)
     except (SafetensorError, RuntimeError, EOFError, OSError, pickle.UnpicklingError) as error:

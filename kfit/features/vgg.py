@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from torch import Tensor, nn
 
-from kfit.core.check import check_names
+from kfit.core.check import check_choice, check_list
 from kfit.features.network import FeatureNetwork
 from kfit.features.published import fill_published
 
@@ -21,9 +21,7 @@ class _VGG(FeatureNetwork):
         self.features = nn.Sequential()
         self.layers: dict[int, str] = {}
         known = _names(self.convolutions)
-        check_names("layers", layers, known)
-        if not layers:
-            raise ValueError(f"layers must name at least one of {', '.join(known)}")
+        check_list("layers", layers, None, check_choice, known)
         last = max(known.index(name) for name in layers)
         channels = 3
         for index, name in enumerate(known[: last + 1]):

@@ -9,6 +9,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from kfit.core import Encoder
+from kfit.core.check import check_choice, check_count, check_list
 
 # Tints differ by about a tenth between objects; this brings them near the size of the other features.
 TINT_GAIN = 10.0
@@ -45,6 +46,13 @@ class ConvEncoder(Encoder):
         bounded: bool = False,
     ) -> None:
         super().__init__()
+        check_count("ConvEncoder: code_dim", code_dim, 1, 4096)
+        check_list("ConvEncoder: channels", channels, None, check_count, 1, 4096)
+        check_count("ConvEncoder: hidden_dim", hidden_dim, 1, 4096)
+        check_count("ConvEncoder: image_size", image_size, 2 ** len(channels), 1024)
+        check_count("ConvEncoder: tint_grid", tint_grid, 0, image_size)
+        check_choice("ConvEncoder: instance_norm", instance_norm, (False, True))
+        check_choice("ConvEncoder: bounded", bounded, (False, True))
         layers: list[nn.Module] = []
         for index, (a, b) in enumerate(zip((3, *channels[:-1]), channels, strict=True)):
             layers += [nn.Conv2d(a, b, 3, 2, 1), nn.LeakyReLU(0.2)]

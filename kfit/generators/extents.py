@@ -6,6 +6,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
+from kfit.core.check import check_count
+
 
 class ExtentsHead(nn.Module):
     """Tells an object's normalised extents: its box's three sides (x, y, z) where the diagonal is 1.
@@ -17,6 +19,8 @@ class ExtentsHead(nn.Module):
 
     def __init__(self, code_dim: int = 16, hidden_dim: int = 64) -> None:
         super().__init__()
+        check_count("ExtentsHead: code_dim", code_dim, 1, 4096)
+        check_count("ExtentsHead: hidden_dim", hidden_dim, 1, 4096)
         self.layers = nn.Sequential(nn.Linear(code_dim, hidden_dim), nn.LeakyReLU(0.2), nn.Linear(hidden_dim, 3))
 
     def forward(self, code: Tensor) -> Tensor:

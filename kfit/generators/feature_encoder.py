@@ -7,6 +7,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from kfit.core import Encoder
+from kfit.core.check import check_count
 from kfit.features import EfficientNetLite0, FeatureNetwork
 from kfit.generators.encoder import FIRST_LOG_VARIANCE, TINT_GAIN
 
@@ -38,6 +39,9 @@ class FeatureEncoder(Encoder):
         hidden_dim: int = 256,
     ) -> None:
         super().__init__()
+        check_count("FeatureEncoder: code_dim", code_dim, 1, 4096)
+        check_count("FeatureEncoder: feature_dim", feature_dim, 1, 4096)
+        check_count("FeatureEncoder: hidden_dim", hidden_dim, 2, 4096)
         self.features = features or EfficientNetLite0((2, 5, 7))
         with torch.no_grad():
             widths = [layer.shape[1] for layer in self.features(torch.zeros(1, 3, 64, 64)).values()]

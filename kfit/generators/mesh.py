@@ -10,7 +10,7 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from kfit.core import Angle, Generator, Positive, Rendering, Variable
-from kfit.core.check import check_range, check_shape
+from kfit.core.check import check_count, check_range, check_shape
 from kfit.geometry import UNIT_FRACTION, rotation_from_angles
 
 # Surfaces this far apart, in box diagonals, outweigh one another by e.
@@ -68,7 +68,9 @@ class MeshRenderer(Generator):
         unit_fraction: float = UNIT_FRACTION,
     ) -> None:
         super().__init__()
-        check_range("MeshRenderer: num_points", num_points, 1, 10**7)
+        check_count("MeshRenderer: num_points", num_points, 1, 10**7)
+        check_count("MeshRenderer: image_size", image_size, 1, 4096)
+        check_range("MeshRenderer: unit_fraction", unit_fraction, 0.1, 10.0)
         check_range("MeshRenderer: distance", distance, 1, 1e6)
         self.variables = {
             "azimuth": Variable((), Angle()),

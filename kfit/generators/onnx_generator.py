@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from kfit.core import Angle, Bounded, Generator, Positive, Real, Rendering, Variable
-from kfit.core.check import check_names, check_shape
+from kfit.core.check import check_names, check_shape, check_text
 
 SPACES = {space.__name__: space for space in (Real, Positive, Bounded, Angle)}
 FIELDS = ("image", "mask", "depth")
@@ -33,6 +33,7 @@ class OnnxGenerator(Generator):
 
     def __init__(self, path: str | Path) -> None:
         super().__init__()
+        check_text("OnnxGenerator: path", path)
         if not Path(path).is_file():
             raise FileNotFoundError(f"no ONNX file at {path}; `kfit export` writes generator.onnx")
         import onnxruntime  # type: ignore[import-untyped]  # here, for loading it takes a third of a second

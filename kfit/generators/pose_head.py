@@ -11,7 +11,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from kfit.core import PoseNetwork
-from kfit.core.check import check_range
+from kfit.core.check import check_choice, check_count, check_list, check_range, check_rising
 from kfit.geometry import Symmetry, log_shares
 
 
@@ -49,13 +49,14 @@ class PoseHead(PoseNetwork):
         image_size: int = 64,
     ) -> None:
         super().__init__()
-        if symmetry not in ("none", "y"):
-            raise ValueError(f"PoseHead: symmetry must be 'none' or 'y', got {symmetry!r}")
+        check_choice("PoseHead: symmetry", symmetry, ("none", "y"))
+        check_list("PoseHead: channels", channels, None, check_count, 4, 4096)
+        check_count("PoseHead: hidden_dim", hidden_dim, 1, 4096)
+        check_count("PoseHead: image_size", image_size, 2 ** len(channels), 1024)
         check_range("PoseHead: bin_deg", bin_deg, 1, 90)
         check_range("PoseHead: spread_deg", spread_deg, 0.1, 90)
+        check_rising("PoseHead: elevation_deg", elevation_deg, -90, 90)
         low, high = elevation_deg
-        if not -90 <= low < high <= 90:
-            raise ValueError(f"PoseHead: elevation_deg must rise within ±90, got ({low:g}, {high:g})")
         self.symmetry, self.spread = symmetry, math.radians(spread_deg)
         rings = max(1, round((high - low) / bin_deg))
         self.register_buffer("azimuths", _centres(-180, 180, 1 if symmetry == "y" else round(360 / bin_deg)), False)

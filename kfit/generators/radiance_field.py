@@ -11,7 +11,7 @@ from torch.nn import functional as F
 
 from kfit.core import Angle, Generator, Rendering, Variable
 from kfit.core.bound import bind_code
-from kfit.core.check import check_range
+from kfit.core.check import check_choice, check_count, check_list, check_range
 from kfit.generators.adain import AdaIN
 from kfit.generators.ray_march import EMPTY, RayMarch
 from kfit.generators.refinement import Refinement
@@ -73,10 +73,14 @@ class RadianceField(Generator):
         refined: bool = True,
     ) -> None:
         super().__init__()
+        check_count("RadianceField: code_dim", code_dim, 1, 4096)
+        check_list("RadianceField: volume_dims", volume_dims, None, check_count, 1, 4096)
+        check_count("RadianceField: num_samples", num_samples, 1, 1024)
+        check_count("RadianceField: image_size", image_size, 1, 1024)
         check_range("RadianceField: distance", distance, 1.0, 1e6)
         check_range("RadianceField: unit_fraction", unit_fraction, 0.1, 10.0)
-        if len(sides) != 3 or not all(0 < side <= 1 for side in sides):
-            raise ValueError(f"RadianceField: sides must be three numbers in (0, 1], got {list(sides)}")
+        check_list("RadianceField: sides", sides, 3, check_range, 1e-3, 1.0)
+        check_choice("RadianceField: refined", refined, (False, True))
         self.variables = {
             "code": Variable((code_dim,)),
             "azimuth": Variable((), Angle()),

@@ -11,7 +11,7 @@ from kornia.geometry.transform import get_perspective_transform, warp_perspectiv
 from torch import Tensor
 
 from kfit.core import Angle, Generator, Positive, Rendering, Variable, Variables
-from kfit.core.check import check_float, check_shape
+from kfit.core.check import check_choice, check_count, check_float, check_range, check_shape
 
 Motion = Literal["similarity", "affine", "homography"]
 MOTIONS: dict[str, dict[str, Variable]] = {
@@ -73,12 +73,13 @@ class Template(Generator):
         super().__init__()
         check_shape("picture", picture, ("C", "H", "W"))
         check_float("picture", picture)
-        if motion not in MOTIONS:
-            raise ValueError(f"motion must be one of {', '.join(MOTIONS)}, got {motion!r}")
-        if oversampling < 1:
-            raise ValueError(f"oversampling must be at least 1, got {oversampling!r}")
+        check_choice("motion", motion, MOTIONS)
+        check_choice("light", light, (False, True))
+        check_count("oversampling", oversampling, 1, 16)
         if isinstance(fill, Tensor):
             check_shape("fill", fill, tuple(picture.shape))
+        else:
+            check_range("fill", fill)
         mask = torch.ones_like(picture[:1]) if mask is None else mask
         check_shape("mask", mask, tuple(picture[:1].shape))
         self.motion, self.oversampling, self.size = motion, oversampling, picture.shape[-2:]

@@ -12,6 +12,7 @@ from torch.nn import functional as F
 
 from kfit.core import Angle, Generator, Rendering, Variable
 from kfit.core.bound import bind_code
+from kfit.core.check import check_choice, check_count, check_list
 from kfit.generators.adain import AdaIN
 from kfit.geometry.pose import rotation_from_angles
 
@@ -49,6 +50,12 @@ class VAE3D(Generator):
         mask: bool = True,
     ) -> None:
         super().__init__()
+        check_count("VAE3D: code_dim", code_dim, 1, 4096)
+        check_list("VAE3D: volume_dims", volume_dims, None, check_count, 1, 4096)
+        check_count("VAE3D: projection_dim", projection_dim, 1, 4096)
+        check_list("VAE3D: decoder_dims", decoder_dims, None, check_count, 1, 4096)
+        for name, switch in {"rectified": rectified, "depth": depth, "mask": mask}.items():
+            check_choice(f"VAE3D: {name}", switch, (False, True))
         self.variables = {
             "code": Variable((code_dim,)),
             "azimuth": Variable((), Angle()),

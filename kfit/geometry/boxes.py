@@ -33,6 +33,8 @@ def project(points: Tensor, intrinsics: Tensor) -> Tensor:
     """
     if bool((points[..., 2] <= 0).any()):
         nearest = float(points[..., 2].min())
-        raise ValueError(f"all points must lie in front of the camera, got a depth of {nearest:g} m")
+        raise ValueError(
+            f"all points must lie in front of the camera, got a depth of {nearest:g} m; are the intrinsics right?"
+        )
     pixels: Tensor = project_points(points, intrinsics.to(points)[..., None, :, :])
     return pixels

@@ -12,6 +12,7 @@ from kornia.geometry.conversions import quaternion_to_rotation_matrix
 from torch import Tensor
 
 from kfit.core import Observation
+from kfit.core.check import check_count, check_range
 from kfit.geometry.crop import Crop
 from kfit.geometry.pose import rotation_from_angles, to_opencv
 
@@ -34,10 +35,11 @@ def intrinsics_from_fov(width: int, height: int, fov_deg: float = 60.0) -> Tenso
         (3, 3), pixels with centres at integers.
 
     Raises:
-        ValueError: if a side is below 1 or the angle not between 0 and 180.
+        ValueError: if a side is below 1 or the angle not between 1 and 179.
     """
-    if min(width, height) < 1 or not 0 < fov_deg < 180:
-        raise ValueError(f"need a picture and an angle between 0 and 180, got {width} x {height} and {fov_deg:g}")
+    check_count("width", width)
+    check_count("height", height)
+    check_range("fov_deg", fov_deg, 1, 179)
     return _intrinsics(max(width, height) / (2 * math.tan(math.radians(fov_deg) / 2)), width, height)
 
 

@@ -7,6 +7,7 @@ import math
 import torch
 from torch import Tensor
 
+from kfit.core.check import check_positive, check_range
 from kfit.geometry.pose import Symmetry, rotation_error
 
 # Rotations closer than this are one pose, and an estimate weighs exp(−(E − E_best) / (0.1 · E_best)).
@@ -28,6 +29,7 @@ def rotation_clusters(
         symmetry: of the object: with ``"y"`` turns about its vertical axis are the same pose.
         within_deg: largest distance from the best member.
     """
+    check_range("within_deg", within_deg, 0, 180)
     near = rotation_error(rotation[:, None], rotation[None], symmetry) <= math.radians(within_deg)
     near |= torch.eye(len(rotation), dtype=torch.bool, device=rotation.device)
     cluster = torch.full_like(energy, -1, dtype=torch.long)
@@ -42,6 +44,7 @@ def energy_weights(energy: Tensor, temperature: float = TEMPERATURE) -> Tensor:
 
     The temperature is relative, since energies differ from picture to picture by what no pose explains.
     """
+    check_positive("temperature", temperature)
     best = energy.min()
     return torch.softmax(-(energy - best) / (temperature * best.abs() + 1e-9), 0)
 

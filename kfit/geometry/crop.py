@@ -12,7 +12,7 @@ from torch import Tensor
 from torch.nn.functional import avg_pool2d, pad
 
 from kfit.core import Observation
-from kfit.core.check import check_float, check_shape
+from kfit.core.check import check_count, check_float, check_list, check_positive, check_range, check_shape
 
 # Leaves the object 77 % of the square, so that its edges and some background weigh in; the released code adds 30 pixels
 # to the box, which for its boxes of some 100 pixels is the same. Shift and scale take up what differs.
@@ -31,11 +31,19 @@ class Crop:
         centre: (x, y) in pixels of the photo; it need not be whole.
         side: in pixels of the photo.
         size: of the picture in its own pixels.
+
+    Raises:
+        TypeError, ValueError: for numbers that are no square.
     """
 
     centre: tuple[float, float]
     side: float
     size: int = 64
+
+    def __post_init__(self) -> None:
+        check_list("Crop: centre", self.centre, 2, check_range)
+        check_positive("Crop: side", self.side)
+        check_count("Crop: size", self.size)
 
     @staticmethod
     def around(mask: Any, size: int = 64) -> Crop:

@@ -9,6 +9,8 @@ import torch
 from kornia.geometry.conversions import axis_angle_to_rotation_matrix
 from torch import Tensor
 
+from kfit.core.check import check_choice
+
 Symmetry = Literal["none", "y"]
 
 
@@ -86,8 +88,7 @@ def rotation_error(a: Tensor, b: Tensor, symmetry: Symmetry = "none") -> Tensor:
     Raises:
         ValueError: for a symmetry of another name.
     """
-    if symmetry not in ("none", "y"):
-        raise ValueError(f"symmetry must be 'none' or 'y', got {symmetry!r}")
+    check_choice("symmetry", symmetry, ("none", "y"))
     if symmetry == "y":
         up_a, up_b = a[..., :, 1], b[..., :, 1]
         # The half angle's tangent is ‖u − v‖ / ‖u + v‖ (Kahan): sound near 0 and near π alike.

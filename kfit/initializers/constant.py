@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import torch
+from torch import Tensor
 
 from kfit.core import Initializer, Observation, Variable, Variables
+from kfit.core.check import check_dict, check_range
 
 
 class Constant(Initializer):
@@ -17,6 +20,7 @@ class Constant(Initializer):
     """
 
     def __init__(self, values: dict[str, float | list[float]]) -> None:
+        check_dict("Constant: values", values, _check_finite)
         self.values, self.on = values, tuple(values)
 
     def __call__(
@@ -34,3 +38,12 @@ class Constant(Initializer):
                 raise ValueError(f"Constant: {name} must be a number or of shape {shape}, got {tuple(tensor.shape)}")
             started[name] = tensor.expand(rows, *shape).clone()
         return started
+
+
+def _check_finite(name: str, value: Any) -> None:
+    """Refuse what is no finite number, nor a list or tensor of such."""
+    if isinstance(value, Tensor | list | tuple):
+        for one in value.flatten().tolist() if isinstance(value, Tensor) else value:
+            _check_finite(name, one)
+    else:
+        check_range(name, value)

@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from kfit.core import Encoder, Initializer, Observation, Variable, Variables, frozen
+from kfit.core.check import check_range, check_text
 
 
 class EncoderPosterior(Initializer):
@@ -22,6 +23,8 @@ class EncoderPosterior(Initializer):
     """
 
     def __init__(self, encoder: Encoder, on: str = "code", spread: float = 1.0) -> None:
+        check_text("EncoderPosterior: on", on)
+        check_range("EncoderPosterior: spread", spread, 0)
         self.encoder, self.on, self.spread = frozen(encoder), (on,), spread
 
     def __call__(

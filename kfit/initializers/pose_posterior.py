@@ -10,7 +10,7 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from kfit.core import Initializer, Observation, PoseNetwork, Variable, Variables, frozen
-from kfit.core.check import check_range
+from kfit.core.check import check_choice, check_range
 from kfit.initializers.sphere_grid import GOLDEN_ANGLE
 
 # Steps down in a score of log-probabilities: a bin near a start comes after all that are free, a start's own bin last.
@@ -40,6 +40,7 @@ class PosePosterior(Initializer):
     on = ("azimuth", "elevation")
 
     def __init__(self, head: PoseNetwork, sample: bool = False, apart_deg: float = 15.0) -> None:
+        check_choice("PosePosterior: sample", sample, (False, True))
         check_range("PosePosterior: apart_deg", apart_deg, 0, 180)
         self.head, self.sample, self.apart = frozen(head), sample, math.radians(apart_deg)
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import torch
 
 from kfit.core import FitResult, Initializer, Observation, Variable, Variables
-from kfit.core.check import check_names, check_range
+from kfit.core.check import check_choice, check_dict, check_list, check_names, check_range
 
 
 class Previous(Initializer):
@@ -29,11 +29,11 @@ class Previous(Initializer):
     def __init__(
         self, result: FitResult, on: Sequence[str] | None = None, spread: dict[str, float] | None = None
     ) -> None:
-        self.on, self.spread = tuple(result.values if on is None else on), spread or {}
-        check_names("Previous: on", self.on, result.values)
+        if on is not None:
+            check_list("Previous: on", on, None, check_choice, result.values)
+        self.on, self.spread = tuple(result.values if on is None else on), {} if spread is None else spread
+        check_dict("Previous: spread", self.spread, check_range, 0)
         check_names("Previous: spread", self.spread, self.on)
-        for name, width in self.spread.items():
-            check_range(f"Previous: spread of {name}", width, 0, float("inf"))
         self.values = {name: result.values[name].detach() for name in self.on}
         for name, value in self.values.items():
             if not bool(value.isfinite().all()):

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 import torch
 
 from kfit.core import Initializer, Observation, Variable, Variables
+from kfit.core.check import check_rising
 
 GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))
 # x³ = x + 1: what the golden ratio is for one irrational step, its powers are for two.
@@ -42,10 +43,9 @@ class SphereGrid(Initializer):
         self.bounds_deg = {"azimuth": azimuth_deg, "elevation": elevation_deg}
         if roll_deg is not None:
             self.bounds_deg["roll"] = roll_deg
-        for name, (low, high) in self.bounds_deg.items():
+        for name, bounds in self.bounds_deg.items():
             limit = 90 if name == "elevation" else 360
-            if low > high or low < -limit or high > limit:
-                raise ValueError(f"SphereGrid: {name}_deg must rise within ±{limit}, got ({low:g}, {high:g})")
+            check_rising(f"SphereGrid: {name}_deg", bounds, -limit, limit)
         self.on = tuple(self.bounds_deg)
 
     def __call__(

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from kfit.core.check import check_count
+
 
 def average_precision(matched: NDArray[np.bool_], num_truths: int) -> NDArray[np.float64]:
     """Area under the precision–recall curve, precision made monotone from the right (VOC 2010 and later, all points).
@@ -20,6 +22,7 @@ def average_precision(matched: NDArray[np.bool_], num_truths: int) -> NDArray[np
     Returns:
         (…) in [0, 1].
     """
+    check_count("num_truths", num_truths, 0)
     found = matched.cumsum(-1)
     precision = found / np.arange(1, matched.shape[-1] + 1)
     envelope = np.maximum.accumulate(precision[..., ::-1], -1)[..., ::-1]

@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError  # type: ignore[import-untyped]
 
+from kfit.core.check import check_choice
+
 Array = NDArray[np.floating]
 BoxIoU = Literal["nocs", "axis_aligned", "oriented"]
 
@@ -71,8 +73,7 @@ def best_iou(kind: BoxIoU, pose_a: Array, size_a: Array, pose_b: Array, size_b: 
     Raises:
         ValueError: for a kind of another name.
     """
-    if kind not in _BY_KIND:
-        raise ValueError(f"kind must be one of {', '.join(_BY_KIND)}, got {kind!r}")
+    check_choice("kind", kind, _BY_KIND)
     with np.errstate(all="ignore"):
         if not symmetric:
             return float(_BY_KIND[kind](pose_a, size_a, pose_b, size_b))

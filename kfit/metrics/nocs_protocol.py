@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from kfit.core.check import check_list, check_range, check_text
 from kfit.geometry import CATEGORIES
 from kfit.metrics.average_precision import average_precision
 from kfit.metrics.box_iou import Array, BoxIoU
@@ -104,6 +105,11 @@ def evaluate_nocs(
     Raises:
         ValueError: if there is no result, or one lacks something that is needed.
     """
+    check_list("degrees", degrees, None, check_range, 0)
+    check_list("shifts", shifts, None, check_range, 0)
+    check_list("ious", ious, None, check_range, 0, 1)
+    check_range("found_iou", found_iou, 0, 1)
+    check_text("poses", poses)
     degrees, shifts = (*degrees, *ANY_DEGREE), (*shifts, *ANY_SHIFT)
     limits = (*ious, found_iou)
     tallies = {name: _Tally() for name in CATEGORIES}

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from kfit.core import FitResult, Observation
+from kfit.core.check import check_count
 from kfit.data import Light, Mesh, build, pose_view
 from kfit.data.rasterizer import View, standard_intrinsics
 from kfit.geometry import Crop, observed, rotation_error, rotation_from_angles
@@ -62,6 +63,9 @@ def unseen_views(
 
     They are drawn by `views_of`. For comparison, ``training`` shows objects of training instead.
     """
+    check_count("unseen_views: num_views", num_views)
+    check_count("unseen_views: seed", seed, 0)
+    check_count("unseen_views: photo_size", photo_size, 8, 4096)
     # Far from the seeds that training and its validation count up from 0.
     first = 0 if training else 1_000_000 + 1_000 * seed
     objects = (build(model.card.category, first + number, held_out=not training) for number in range(num_views))

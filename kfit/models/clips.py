@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from kfit.core.check import check_range
+from kfit.core.check import check_count, check_range
 from kfit.data import build, render
 from kfit.geometry import rotation_from_angles, to_opencv
 from kfit.models.category_model import CategoryModel
@@ -57,7 +57,10 @@ def unseen_clip(model: CategoryModel, number: int, num_frames: int = 40, turn_de
     """
     from skimage import data
 
-    check_range("unseen_clip: num_frames", num_frames, 1, 100_000)
+    check_count("unseen_clip: number", number, 0)
+    check_count("unseen_clip: num_frames", num_frames, 1, 100_000)
+    check_range("unseen_clip: turn_deg", turn_deg)
+    check_count("unseen_clip: seed", seed, 0)
     mesh, light = build(model.card.category, 1_000_000 + 1_000 * seed + number, held_out=True)
     rng = np.random.default_rng([seed, number])
     camera = np.array([[FOCAL, 0, (WIDTH - 1) / 2], [0, FOCAL, (HEIGHT - 1) / 2], [0, 0, 1]])

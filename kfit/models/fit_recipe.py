@@ -41,18 +41,21 @@ def fit_of(recipe: str | Path, model: CategoryModel, changes: Sequence[str] = ()
         if "selector.init_args.symmetry" in said:
             said["selector.init_args.symmetry"] = model.card.known.symmetry
         parts = parser.instantiate(said).as_dict()
-    except (ArgumentError, ValueError) as error:
+        parts.pop("config")
+        if all("code" not in initializer.on for initializer in parts["initializers"]):
+            parts["initializers"] = [*parts["initializers"], EncoderPosterior(model.encoder)]
+        return FitPipeline(SimilarityWarp(model.generator), **parts).to(model.device)
+    except (ArgumentError, ValueError, TypeError, RecursionError) as error:
         raise ValueError(f"{path} is no recipe of a fit: {_reason(error)}") from None
-    parts.pop("config")
-    if all("code" not in initializer.on for initializer in parts["initializers"]):
-        parts["initializers"] = [*parts["initializers"], EncoderPosterior(model.encoder)]
-    return FitPipeline(SimilarityWarp(model.generator), **parts).to(model.device)
 
 
 def _reason(error: Exception) -> str:
     """What a part said against its settings, without the tree of types that jsonargparse wraps it in."""
     lines = [line.strip().removeprefix("- ") for line in str(error).splitlines()]
-    wrapping = ("Does not validate", "Subtypes:", "Errors:", "Given value", "Import path", "Parser key")
-    reason = next((line for line in lines if line and not line.startswith(wrapping)), lines[0])
+    if lines[0].startswith("Unexpected config"):
+        return "it must map names to values"
+    wrapping = ("Does not validate", "Subtypes:", "Given value", "Expected a path", "Expected a <class 'NoneType'>")
+    # a line that ends in a colon only leads to the next
+    reason = next((line for line in lines if line and line[-1] != ":" and not line.startswith(wrapping)), lines[0])
     key = re.search(r'Parser key "([^"]+)"', str(error))
     return f"{key[1]}: {reason}" if key else reason

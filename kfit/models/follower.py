@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from kfit.core import Observation, Rendering, Variables, frozen
+from kfit.core.check import check_count
 from kfit.energies import L2, PosePrior, Silhouette
 from kfit.generators import SimilarityWarp
 from kfit.generators.similarity_warp import warp
@@ -55,6 +56,7 @@ class Follower:
     """
 
     def __init__(self, model: CategoryModel, first: PoseResult, seed: int = 0) -> None:
+        check_count("follow: seed", seed, 0)
         if model.pose_head is None:
             raise ValueError(f"follow: the model of {model.card.category} has no pose head, which following rests on")
         self.model, self.seed, self.num_drawn = model, seed, 0

@@ -12,6 +12,10 @@ from torch import Tensor
 from kfit.geometry import intrinsics_from_fov
 from kfit.segmentation import GrabCut, Segmenter
 
+# Focal lengths over the photo's longer side: half of that sees 157° or more along it, more than any lens that draws
+# straight lines as straight (the widest see some 130°), the other is the length of a telescope (0.06°).
+LEAST_FOCAL, MOST_FOCAL = 0.1, 1000.0
+
 
 def as_photo(image: NDArray[Any]) -> NDArray[np.float32]:
     """The picture as (H, W, 3) float32 in [0, 1].
@@ -82,15 +86,26 @@ def choose_camera(
     """Intrinsics (3, 3) and where they come from: "given", "EXIF" (``known``) or "assumed".
 
     Raises:
-        ValueError: if those given are no camera.
+        ValueError: if those given are no camera, or one that sees absurdly much or little of this photo.
     """
+    height, width = pixels.shape[:2]
     if intrinsics is not None:
         given = torch.as_tensor(intrinsics, dtype=torch.float64)
         if given.shape != (3, 3) or not bool(torch.isfinite(given).all()) or min(given[0, 0], given[1, 1]) <= 0:
             raise ValueError(f"intrinsics must be (3, 3) with focal lengths above 0, got {given.tolist()}")
+        least, most = LEAST_FOCAL * max(width, height), MOST_FOCAL * max(width, height)
+        if not all(least <= focal <= most for focal in (given[0, 0], given[1, 1])):
+            raise ValueError(
+                f"intrinsics of a photo of {width} x {height} must have focal lengths from {least:g} to {most:g} "
+                f"pixels, got {given[0, 0]:g} and {given[1, 1]:g}"
+            )
+        x, y = given[0, 2], given[1, 2]
+        if not (-0.5 <= x <= width - 0.5 and -0.5 <= y <= height - 0.5):
+            notes.append(
+                "the principal point lies outside the photo: are these the intrinsics of a rescaled or cropped picture?"
+            )
         return given, "given"
     if known is not None:
         return known, "EXIF"
-    height, width = pixels.shape[:2]
     notes.append("intrinsics assumed: a camera that sees 60° along the photo's longer side; distance depends on it")
     return intrinsics_from_fov(width, height, 60.0), "assumed"

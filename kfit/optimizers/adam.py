@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from kfit.core import Evaluate, Evaluation, Optimizer, Variables
-from kfit.core.check import check_names, check_range
+from kfit.core.check import check_dict, check_list, check_names, check_positive, check_range
 
 
 class Adam(Optimizer):
@@ -34,10 +34,10 @@ class Adam(Optimizer):
         betas: tuple[float, float] = (0.5, 0.999),
         decay: float = 1.0,
     ) -> None:
-        by_name = isinstance(rates, dict)
-        for name, rate in rates.items() if isinstance(rates, dict) else [("rates", rates)]:
-            if not (rate > 0 or (by_name and rate == 0)):
-                raise ValueError(f"Adam: rates must be above 0, or 0 for a variable to hold, got {rate!r} for {name}")
+        if isinstance(rates, dict):
+            check_dict("Adam: rates", rates, check_range, 0)  # 0 holds a variable
+        else:
+            check_positive("Adam: rates", rates)
         check_betas(betas)
         check_range("Adam: decay", decay, 1e-6, 1.0)
         self.rates, self.betas, self.decay = rates, betas, decay
@@ -60,13 +60,13 @@ class Adam(Optimizer):
 
 
 def check_betas(betas: tuple[float, float]) -> None:
-    """Refuse decays outside [0, 1).
+    """Refuse what are no two decays in [0, 1).
 
     Raises:
-        ValueError: if one is.
+        TypeError: if they are no list of numbers.
+        ValueError: if one lies outside, or they are not two.
     """
-    for beta in betas:
-        check_range("Adam: betas", beta, 0.0, 1 - 1e-9)
+    check_list("Adam: betas", betas, 2, check_range, 0.0, 1 - 1e-9)
 
 
 def moments(raw: Variables) -> dict[str, Any]:

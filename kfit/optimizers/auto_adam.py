@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from kfit.core import Evaluate, Evaluation, Optimizer, Rendering, Variables
+from kfit.core.check import check_positive
 from kfit.optimizers.adam import check_betas, moments, moved
 from kfit.optimizers.random import normal
 
@@ -31,8 +32,7 @@ class AutoAdam(Optimizer):
     """
 
     def __init__(self, change: float = 0.01, betas: tuple[float, float] = (0.5, 0.999)) -> None:
-        if not change > 0:
-            raise ValueError(f"AutoAdam: change must be above 0, got {change!r}")
+        check_positive("AutoAdam: change", change)
         check_betas(betas)
         self.change, self.betas = change, betas
 

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from kfit.core import Evaluate, Evaluation, Optimizer, Variables
-from kfit.core.check import check_names
+from kfit.core.check import check_count, check_dict, check_names, check_positive
 from kfit.optimizers.flat import flatten, unflatten
 from kfit.optimizers.random import normal
 
@@ -32,11 +32,12 @@ class CMAES(Optimizer):
     """
 
     def __init__(self, spread: float | dict[str, float] = 0.1, population: int | None = None) -> None:
-        for name, width in spread.items() if isinstance(spread, dict) else [("spread", spread)]:
-            if not width > 0:
-                raise ValueError(f"CMAES: spread must be above 0, got {width!r} for {name}")
-        if population is not None and population < 4:
-            raise ValueError(f"CMAES: population must be at least 4, got {population}")
+        if isinstance(spread, dict):
+            check_dict("CMAES: spread", spread, check_positive)
+        else:
+            check_positive("CMAES: spread", spread)
+        if population is not None:
+            check_count("CMAES: population", population, 4, 10_000)
         self.spread, self.population = spread, population
 
     def init(self, raw: Variables, seeds: Tensor) -> Any:

@@ -9,7 +9,7 @@ from torch import Tensor
 from torch.utils import _pytree as pytree
 
 from kfit.core import Evaluate, Evaluation, Optimizer, Variables
-from kfit.core.check import check_names, check_range
+from kfit.core.check import check_dict, check_names, check_range
 from kfit.optimizers.flat import flatten, unflatten
 
 
@@ -32,10 +32,9 @@ class GaussNewton(Optimizer):
     """
 
     def __init__(self, lengths: dict[str, float], damping: float = 0.01, reach: float = 10.0) -> None:
-        for name, length in lengths.items():
-            check_range(f"GaussNewton: length of {name}", length, 1e-9, float("inf"))
-        check_range("GaussNewton: damping", damping, 0, float("inf"))
-        check_range("GaussNewton: reach", reach, 1, float("inf"))
+        check_dict("GaussNewton: lengths", lengths, check_range, 1e-9)
+        check_range("GaussNewton: damping", damping, 0)
+        check_range("GaussNewton: reach", reach, 1)
         self.lengths, self.damping, self.reach = lengths, damping, reach
 
     def init(self, raw: Variables, seeds: Tensor) -> Any:

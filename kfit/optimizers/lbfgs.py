@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from kfit.core import Evaluate, Evaluation, Optimizer, Variables
+from kfit.core.check import check_count, check_positive
 from kfit.optimizers.flat import flatten, unflatten
 
 # Armijo's condition, E(x + t·d) ≤ E(x) + c·t·gᵀd (Nocedal and Wright, section 3.1).
@@ -31,10 +32,9 @@ class LBFGS(Optimizer):
     """
 
     def __init__(self, history: int = 10, first_step: float = 0.03, max_trials: int = 8) -> None:
-        if history < 1 or max_trials < 1:
-            raise ValueError(f"LBFGS: history and max_trials must be at least 1, got {history} and {max_trials}")
-        if not first_step > 0:
-            raise ValueError(f"LBFGS: first_step must be above 0, got {first_step!r}")
+        check_count("LBFGS: history", history, 1, 1000)
+        check_positive("LBFGS: first_step", first_step)
+        check_count("LBFGS: max_trials", max_trials)
         self.history, self.first_step, self.max_trials = history, first_step, max_trials
 
     def init(self, raw: Variables, seeds: Tensor) -> Any:

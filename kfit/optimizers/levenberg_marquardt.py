@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from kfit.core import Evaluate, Evaluation, Optimizer, Variables
+from kfit.core.check import check_count, check_positive
 from kfit.optimizers.flat import flatten, unflatten
 
 # Rows drawn at once for the Jacobian: bounds the memory that features and residuals take.
@@ -35,10 +36,8 @@ class LevenbergMarquardt(Optimizer):
     """
 
     def __init__(self, damping: float = 1e-2, max_trials: int = 4) -> None:
-        if not damping > 0 or max_trials < 1:
-            raise ValueError(
-                f"LevenbergMarquardt: damping must be above 0, max_trials at least 1, got {damping!r} and {max_trials}"
-            )
+        check_positive("LevenbergMarquardt: damping", damping)
+        check_count("LevenbergMarquardt: max_trials", max_trials)
         self.damping, self.max_trials = damping, max_trials
 
     def init(self, raw: Variables, seeds: Tensor) -> Any:

@@ -8,6 +8,7 @@ from typing import Any
 from torch import Tensor
 
 from kfit.core import Evaluate, Evaluation, Optimizer, Variables
+from kfit.core.check import check_count, check_list
 
 
 class Stages(Optimizer):
@@ -23,11 +24,7 @@ class Stages(Optimizer):
     """
 
     def __init__(self, stages: Sequence[tuple[Optimizer, int]]) -> None:
-        if not stages:
-            raise ValueError("Stages must hold at least one optimizer, got none")
-        for optimizer, steps in stages:
-            if steps < 1:
-                raise ValueError(f"Stages: {type(optimizer).__name__} must take at least 1 step, got {steps}")
+        check_list("Stages: stages", stages, None, _check_stage)
         self.stages = list(stages)
 
     def init(self, raw: Variables, seeds: Tensor) -> Any:
@@ -44,3 +41,11 @@ class Stages(Optimizer):
             inner = self.stages[stage][0].init(raw, memory["seeds"] ^ stage)
         new, seen, inner = self.stages[stage][0].step(evaluate, raw, problem, inner)
         return new, seen, {"stage": stage, "taken": taken + 1, "seeds": memory["seeds"], "inner": inner}
+
+
+def _check_stage(name: str, stage: Any) -> None:
+    """Refuse what is no pair of an optimizer and its number of steps."""
+    check_list(name, stage, 2, lambda *_: None)
+    if not isinstance(stage[0], Optimizer):
+        raise TypeError(f"{name} must begin with an optimizer each, got {type(stage[0]).__name__}")
+    check_count(f"{name}: steps of {type(stage[0]).__name__}", stage[1])

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from kfit.core.check import check_count, check_range
 from kfit.geometry import Crop
 from kfit.segmentation.largest_part import largest_part
 
@@ -33,6 +34,7 @@ def mask_in_photo(
     Returns:
         (H, W) in [0, 1], above 1/2 on the object; None where nothing like the silhouette stands out.
     """
+    check_range("band", band, 0, 1)
     wide = replace(crop, side=WIDER * crop.side, size=GRID)
     to_photo = wide.crop_to_image.numpy()[:2]
     region = cv2.warpAffine(photo, to_photo, (GRID, GRID), flags=INVERSE, borderMode=cv2.BORDER_REPLICATE)
@@ -60,6 +62,7 @@ def mask_near(image: NDArray[np.float32], silhouette: NDArray[np.float32], band:
     Returns:
         (H, W) of 0 and 1; None where nothing like the silhouette stands out.
     """
+    check_count("band", band, 0, max(image.shape))
     drawn = (silhouette > 0.5).astype(np.uint8)
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * band + 1, 2 * band + 1))
     grown, core = cv2.dilate(drawn, disc), cv2.erode(drawn, disc)

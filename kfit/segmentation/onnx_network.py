@@ -11,6 +11,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from kfit.core.check import check_text
+
 LARGEST_FILE = 2 * 1024**3  # what protobuf can hold
 LARGEST_SIDE = 4096
 LONGEST_NAMES = 200_000
@@ -53,6 +55,7 @@ class OnnxNetwork:
     """
 
     def __init__(self, path: str | Path) -> None:
+        check_text("path", path)
         self.path = Path(path)
         if not self.path.is_file():
             raise FileNotFoundError(f"there is no ONNX file {path}")

@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from kfit.core import Selector, Variables
-from kfit.core.check import check_range
+from kfit.core.check import check_choice, check_range
 from kfit.geometry.clusters import TEMPERATURE, WITHIN_DEG, energy_weights, rotation_clusters
 from kfit.geometry.pose import Symmetry, rotation_of
 
@@ -29,8 +29,7 @@ class Clusters(Selector):
     def __init__(
         self, symmetry: Symmetry = "none", within_deg: float = WITHIN_DEG, temperature: float = TEMPERATURE
     ) -> None:
-        if symmetry not in ("none", "y"):
-            raise ValueError(f"Clusters: symmetry must be 'none' or 'y', got {symmetry!r}")
+        check_choice("Clusters: symmetry", symmetry, ("none", "y"))
         check_range("Clusters: within_deg", within_deg, 0, 180)
         check_range("Clusters: temperature", temperature, 1e-6, 1e6)
         self.symmetry, self.within_deg, self.temperature = symmetry, within_deg, temperature

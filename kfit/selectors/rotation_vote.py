@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from kfit.core import Selector, Variables
+from kfit.core.check import check_choice, check_count, check_range
 from kfit.geometry.pose import rotation_error, rotation_of
 
 
@@ -28,10 +29,9 @@ class RotationVote(Selector):
     """
 
     def __init__(self, symmetry: Literal["none", "y"] = "none", top: int = 5, within_deg: float = 10.0) -> None:
-        if top < 1 or within_deg < 0:
-            raise ValueError(f"RotationVote: top must be ≥ 1 and within_deg ≥ 0, got {top} and {within_deg:g}")
-        if symmetry not in ("none", "y"):
-            raise ValueError(f"RotationVote: symmetry must be 'none' or 'y', got {symmetry!r}")
+        check_choice("RotationVote: symmetry", symmetry, ("none", "y"))
+        check_count("RotationVote: top", top)
+        check_range("RotationVote: within_deg", within_deg, 0, 180)
         self.symmetry, self.top, self.within = symmetry, top, math.radians(within_deg)
 
     def __call__(self, energy: Tensor, values: Variables, problem: Tensor) -> Tensor:

@@ -12,7 +12,7 @@ from torchmetrics.functional.image import structural_similarity_index_measure
 from torchmetrics.functional.segmentation import mean_iou
 
 from kfit.core import Encoder, Energy, Generator, Observation, Rendering, frozen
-from kfit.core.check import check_names, check_range
+from kfit.core.check import check_choice, check_count, check_dict, check_names, check_positive, check_range
 from kfit.generators import ExtentsHead
 from kfit.geometry import Symmetry
 from kfit.training.jitter import Jitter
@@ -76,11 +76,17 @@ class ConditionalVAE(Training):
         symmetry: Symmetry = "none",
     ) -> None:
         super().__init__()
-        check_range("pixel_stride", pixel_stride, 1, 64)
+        check_range("kl_weight", kl_weight, 0)
+        check_range("extents_weight", extents_weight, 0)
+        check_positive("rate", rate)
+        check_choice("compile", compile, (False, True))
+        check_count("pixel_stride", pixel_stride, 1, 64)
         if pixel_stride > 1 and "pixels" not in inspect.signature(generator.forward).parameters:
             kind = type(generator).__name__
             raise ValueError(f"pixel_stride: {kind} draws whole pictures only, so it must be 1, got {pixel_stride}")
-        check_names("loss_weights", loss_weights or {}, losses)
+        if loss_weights is not None:
+            check_dict("loss_weights", loss_weights, check_range)
+            check_names("loss_weights", loss_weights, losses)
         if taken := sorted(TAKEN & set(losses)):
             raise ValueError(f"losses: {', '.join(taken)} is a name that is taken; name the loss otherwise")
         self.remember(inspect.currentframe())

@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from kfit.baselines import CoordinateRegressor
+from kfit.core.check import check_choice, check_positive, check_range
 from kfit.data.rasterizer import DISTANCE
 from kfit.geometry import UNIT_FRACTION, rotation_from_angles
 from kfit.training.jitter import Jitter
@@ -48,6 +49,11 @@ class CoordinateTraining(Training):
         compile: bool = False,
     ) -> None:
         super().__init__()
+        check_positive("rate", rate)
+        check_range("weight_decay", weight_decay, 0)
+        check_range("unit_fraction", unit_fraction, 0.1, 10.0)
+        check_range("distance", distance, 1.0, 1e6)
+        check_choice("compile", compile, (False, True))
         self.remember(inspect.currentframe())
         self.regressor, self.rate, self.weight_decay = regressor, rate, weight_decay
         self.unit_fraction, self.distance = unit_fraction, distance

@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from kfit.baselines import OrientationRegressor
+from kfit.core.check import check_choice, check_positive, check_range, check_text
 from kfit.geometry import rotation_from_angles
 from kfit.training.disturb import Disturb
 from kfit.training.jitter import Jitter
@@ -46,8 +47,12 @@ class OrientationTraining(Training):
         compile: bool = False,
     ) -> None:
         super().__init__()
+        check_positive("rate", rate)
+        check_range("weight_decay", weight_decay, 0)
+        check_choice("compile", compile, (False, True))
         self.remember(inspect.currentframe())
         if weights is not None:
+            check_text("weights", weights)
             regressor.fill(weights)
         self.regressor, self.rate, self.weight_decay = regressor, rate, weight_decay
         self.disturb, self.jitter, self.compiles = disturb, jitter, compile

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from kfit.core import Observation
+from kfit.core.check import check_choice, check_positive, check_range
 from kfit.generators import PoseHead
 from kfit.geometry.pose import rotation_of
 from kfit.initializers import PosePosterior
@@ -53,6 +54,10 @@ class PoseTraining(Training):
         compile: bool = False,
     ) -> None:
         super().__init__()
+        check_positive("rate", rate)
+        check_range("weight_decay", weight_decay, 0)
+        check_choice("mirror", mirror, (False, True))
+        check_choice("compile", compile, (False, True))
         self.remember(inspect.currentframe())
         self.pose_head, self.rate, self.weight_decay = pose_head, rate, weight_decay
         self.jitter, self.recolor, self.photograph = jitter, recolor, photograph

@@ -222,9 +222,7 @@ class TestAdam:
 
     @pytest.mark.parametrize("rates", [0.0, -1.0, float("nan"), {"x": 0.1, "y": -0.1}])
     def test_refuses_rates_that_move_nothing_or_uphill(self, rates):
-        with pytest.raises(
-            ValueError, match=r"Adam: rates must be above 0, or 0 for a variable to hold, got .* for (rates|y)"
-        ):
+        with pytest.raises(ValueError, match=r"Adam: rates (must be above 0|of y must be finite and at least 0)"):
             Adam(rates)
 
     def test_holds_a_variable_of_rate_zero(self):
@@ -324,8 +322,8 @@ class TestLBFGS:
     @pytest.mark.parametrize(
         ("settings", "said"),
         [
-            ({"history": 0}, "history and max_trials must be at least 1"),
-            ({"max_trials": 0}, "history and max_trials must be at least 1"),
+            ({"history": 0}, "(history must lie between 1 and 1000|max_trials must be at least 1)"),
+            ({"max_trials": 0}, "(history must lie between 1 and 1000|max_trials must be at least 1)"),
             ({"first_step": 0.0}, "first_step must be above 0"),
         ],
     )
@@ -365,7 +363,9 @@ class TestLevenbergMarquardt:
 
     @pytest.mark.parametrize("settings", [{"damping": 0.0}, {"max_trials": 0}])
     def test_refuses_settings_that_lead_nowhere(self, settings):
-        with pytest.raises(ValueError, match="LevenbergMarquardt: damping must be above 0, max_trials at least 1"):
+        with pytest.raises(
+            ValueError, match=r"LevenbergMarquardt: (damping must be above 0|max_trials must be at least 1)"
+        ):
             LevenbergMarquardt(**settings)
 
 
@@ -397,11 +397,11 @@ class TestCMAES:
 
     @pytest.mark.parametrize("spread", [0.0, {"x": 0.1, "y": -1.0}])
     def test_refuses_spreads_that_are_not_above_zero(self, spread):
-        with pytest.raises(ValueError, match="CMAES: spread must be above 0"):
+        with pytest.raises(ValueError, match=r"CMAES: spread (of y )?must be above 0"):
             CMAES(spread)
 
     def test_refuses_a_population_without_a_better_half(self):
-        with pytest.raises(ValueError, match="CMAES: population must be at least 4, got 3"):
+        with pytest.raises(ValueError, match="CMAES: population must lie between 4 and 10000, got 3"):
             CMAES(population=3)
 
     def test_refuses_spreads_that_do_not_name_the_variables(self):
@@ -423,7 +423,9 @@ class TestStages:
         with pytest.raises(ValueError, match="rates: unknown zoom"):
             stages.init(starts(), seeds())
 
-    @pytest.mark.parametrize(("stages", "said"), [([], "at least one optimizer"), ([(Adam(), 0)], "at least 1 step")])
+    @pytest.mark.parametrize(
+        ("stages", "said"), [([], "at least one item"), ([(Adam(), 0)], "steps of Adam must be at least 1")]
+    )
     def test_refuse_to_be_empty(self, stages, said):
         with pytest.raises(ValueError, match=said):
             Stages(stages)

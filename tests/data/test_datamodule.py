@@ -195,7 +195,7 @@ def test_a_trainer_runs_over_it(cache):
 
 
 def test_settings_that_make_no_sense_are_refused():
-    with pytest.raises(ValueError, match=r"category must be one of .* but is 'cup'"):
+    with pytest.raises(ValueError, match=r"category must be one of .* got 'cup'"):
         ViewsDataModule("cup")
     with pytest.raises(ValueError, match="num_views must be at least 2"):
         ViewsDataModule(num_views=1)

@@ -123,4 +123,6 @@ def test_a_lamp_stays_with_the_object_when_it_turns():
 
 def test_a_mesh_that_reaches_behind_the_camera_is_refused():
     with pytest.raises(ValueError, match="in front of the camera"):
+        render(sphere(), standard_pose(0, 0, 0.3), standard_intrinsics(64, 0.3), (64, 64), EVEN)
+    with pytest.raises(ValueError, match="distance must lie between 1"):
         pose_view(sphere(), 0, 0, EVEN, distance=0.3)

@@ -110,7 +110,7 @@ def test_round_objects_stand_on_their_lower_end(category):
 
 
 def test_unknown_categories_and_negative_seeds_are_refused():
-    with pytest.raises(ValueError, match=r"category must be one of .* but is 'cup'"):
+    with pytest.raises(ValueError, match=r"category must be one of .* got 'cup'"):
         build("cup", 0)
     with pytest.raises(ValueError, match="seed must be at least 0"):
         build("mug", -1)

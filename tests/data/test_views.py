@@ -179,8 +179,8 @@ def test_foreign_cut_and_ill_divided_files_are_refused(tmp_path):
     ("change", "message"),
     [
         ({"num_objects": 0}, "num_objects must be at least 1"),
-        ({"elevation_deg": (50, 20)}, "elevation_deg must run from low to high"),
-        ({"source": "cup"}, "category must be one of"),
+        ({"elevation_deg": (50, 20)}, "elevation_deg must rise within"),
+        ({"source": "cup"}, "source must be one of"),
     ],
 )
 def test_settings_that_make_no_sense_are_refused(tmp_path, change, message):

@@ -36,5 +36,5 @@ def test_a_weight_averages_the_map_over_the_pixels_that_count():
 
 @pytest.mark.parametrize("window_size", [0, 4, -3])
 def test_a_window_that_has_no_middle_is_refused(window_size):
-    with pytest.raises(ValueError, match="window_size must be odd and positive"):
+    with pytest.raises(ValueError, match=r"window_size must be (odd and positive|at least 1)"):
         SSIM(window_size)

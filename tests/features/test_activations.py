@@ -132,7 +132,7 @@ def test_a_recipe_names_a_network_and_its_modules():
 def test_modules_that_do_not_exist_or_never_run_are_refused():
     with pytest.raises(ValueError, match=r"layers: unknown blocks.2; the names are .*blocks.1"):
         Activations(Tokens(), ["blocks.2"])
-    with pytest.raises(ValueError, match="layers must name at least one module"):
+    with pytest.raises(ValueError, match="layers must hold at least one item"):
         Activations(Tokens(), [])
     with pytest.raises(ValueError, match="layers: unused did not run"):
         Activations(Tokens(), ["unused", "blocks.0"], 1)(torch.rand(1, 3, 8, 8))

@@ -132,7 +132,7 @@ def test_the_field_of_view_spans_the_longer_side() -> None:
 
 
 def test_an_impossible_field_of_view_is_refused() -> None:
-    with pytest.raises(ValueError, match="angle between 0 and 180, got 100 x 80 and 190"):
+    with pytest.raises(ValueError, match="fov_deg must lie between 1 and 179, got 190"):
         intrinsics_from_fov(100, 80, 190)
 
 

@@ -143,11 +143,26 @@ IMAGE = np.zeros((20, 30, 3), np.uint8)
         ({"image": IMAGE, "box": (40, 0, 9, 9)}, "outside the picture"),
         ({"image": IMAGE, "mask": np.ones((20, 30)), "intrinsics": np.eye(2)}, r"intrinsics must be \(3, 3\)"),
         ({"image": IMAGE, "mask": np.ones((20, 30)), "intrinsics": np.zeros((3, 3))}, "focal lengths above 0"),
+        (
+            {"image": IMAGE, "mask": np.ones((20, 30)), "intrinsics": np.diag([1e-9, 1e-9, 1])},
+            "intrinsics of a photo of 30 x 20 must have focal lengths from 3 to 30000 pixels, got 1e-09 and 1e-09",
+        ),
+        (
+            {"image": IMAGE, "mask": np.ones((20, 30)), "intrinsics": np.diag([30.0, 1e6, 1])},
+            "intrinsics of .* from 3 to 30000 pixels, got 30 and 1e",
+        ),
     ],
 )
 def test_a_wrong_argument_gets_a_sentence(tiny_model: CategoryModel, arguments: dict, sentence: str) -> None:
     with pytest.raises(ValueError, match=sentence):
         tiny_model.pose(**arguments)
+
+
+@pytest.mark.parametrize(("x", "doubted"), [(15.0, False), (-0.5, False), (29.5, False), (40.0, True), (-3.0, True)])
+def test_a_principal_point_outside_the_photo_is_noted(tiny_model: CategoryModel, x: float, doubted: bool) -> None:
+    camera = np.array([[30.0, 0, x], [0, 30.0, 10.0], [0, 0, 1]])
+    answer = tiny_model.pose(IMAGE, np.ones((20, 30)), intrinsics=camera, pipeline=tiny_model.pipeline(1, 0))
+    assert any("the principal point lies outside the photo" in note for note in answer.notes) == doubted
 
 
 def test_unseen_views_know_whether_a_handle_shows() -> None:

@@ -7,6 +7,7 @@ import importlib
 import numpy as np
 
 from kfit import geometry
+from kfit.core.check import check_choice, check_count
 from kfit.data.exposure import with_exposure
 from kfit.data.mesh import Mesh
 from kfit.data.rasterizer import Light
@@ -32,10 +33,9 @@ def build(category: str, seed: int, held_out: bool = False) -> tuple[Mesh, Light
     Raises:
         ValueError: If the category is unknown or the seed negative.
     """
-    if category not in CATEGORIES:
-        raise ValueError(f"category must be one of {', '.join(CATEGORIES)}, but is {category!r}.")
-    if seed < 0:
-        raise ValueError(f"seed must be at least 0, but is {seed}.")
+    check_choice("category", category, CATEGORIES)
+    check_count("seed", seed, 0)
+    check_choice("held_out", held_out, (False, True))
     module = importlib.import_module(f"kfit.data.shapes.{category}")
     rng = np.random.default_rng([seed, CATEGORIES.index(category), int(held_out)])
     mesh = module.build(rng, held_out).normalised()
