@@ -95,7 +95,7 @@ def build_views(
             _create(file, settings, num_objects, num_views, image_size)
         done = int(file.attrs["num_done"])
         objects = DrawnObjects(settings, source, range(done, num_objects))
-        console = Console(stderr=True, quiet=not sys.stderr.isatty())
+        console = Console(stderr=True, quiet=not (sys.stderr.isatty() and _log.isEnabledFor(logging.WARNING)))
         title = f"Rendering {source if isinstance(source, str) else f'{len(source)} meshes'}"
         drawn = track(in_order(objects), title, console=console, total=num_objects, completed=done)
         for index, (rgba, depth, poses, extents) in enumerate(drawn, done):
