@@ -42,7 +42,7 @@ def parser() -> ArgumentParser:
 
 def add_benchmarks(parser: ArgumentParser) -> None:
     """Add the benchmarks to the parser of ``kfit bench``, which must have its place in the tree by then."""
-    commands = parser.add_subcommands(prog="kfit bench", title="what to measure", description=None, metavar="WHAT")
+    commands = parser.add_subcommands(title="what to measure", description=None, metavar="WHAT")
     for name, benchmark in BENCHMARKS.items():
         commands.add_subcommand(name, benchmark.parser(), help=str(benchmark.__doc__).partition("\n")[0])
 

@@ -7,6 +7,8 @@ from typing import Literal
 
 from jsonargparse import ArgumentParser, Namespace
 
+from kfit.cli import info
+
 SHELLS = Literal["bash", "zsh", "fish"]
 
 
@@ -39,13 +41,15 @@ def run(said: Namespace) -> None:
     whole = main.parser()
     for part in main.tree(whole):
         for action in part._actions:
-            _complete_files(action)
+            _complete_words(action)
     print(whole.get_completion_script(f"shtab-{said.shell}"))
 
 
-def _complete_files(action: argparse.Action) -> None:
+def _complete_words(action: argparse.Action) -> None:
     """Words are completed by names of files, as shells do by themselves: of folders where one is asked for."""
     import shtab
 
-    if getattr(action, "_typehint", action.type) is str and action.choices is None:
+    if action.dest == "category":
+        action.choices = sorted(path.stem for path in info.BUNDLED.glob("*.safetensors"))
+    elif getattr(action, "_typehint", action.type) is str and action.choices is None:
         action.complete = shtab.DIRECTORY if action.metavar in ("DIR", "FOLDER") else shtab.FILE  # type: ignore[attr-defined]

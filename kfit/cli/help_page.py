@@ -27,8 +27,10 @@ class HelpPage(DefaultHelpFormatter):
         needed = [action for action in actions if action.required or not action.option_strings]
         super().add_usage(usage, needed, *args, **kwargs)
 
-    def _format_usage(self, *args: Any, **kwargs: Any) -> str:
-        return super()._format_usage(*args, **kwargs).replace(self._prog, f"{self._prog} [OPTIONS]", 1)
+    def _format_usage(self, usage: str | None, actions: Any, groups: Any, prefix: str | None) -> str:
+        line = super()._format_usage(usage, actions, groups, prefix)
+        # Without a prefix it is what names of commands are put together from.
+        return line if prefix == "" or usage else line.replace(self._prog, f"{self._prog} [OPTIONS]", 1)
 
     def _fill_text(self, text: str, width: int, indent: str) -> str:
         lines: list[str] = []

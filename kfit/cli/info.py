@@ -18,6 +18,7 @@ from kfit.cli.bench_page import show
 PACKAGES = ("torch", "kornia", "opencv-contrib-python-headless", "onnxruntime", "lightning")
 # As cards name them.
 UNSEEN, ALL = "unseen procedural objects, held-out families", "all views"
+BUNDLED = Path(kfit.__file__).parent / "models/bundled"
 MIB = 2**20
 
 
@@ -72,7 +73,7 @@ def models() -> list[dict[str, Any]]:
     from safetensors import safe_open
 
     found = []
-    for path in sorted((Path(kfit.__file__).parent / "models/bundled").glob("*.safetensors")):
+    for path in sorted(BUNDLED.glob("*.safetensors")):
         card = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
         with safe_open(path, "np") as file:
             shapes = [file.get_slice(name).get_shape() for name in file.keys()]  # noqa: SIM118

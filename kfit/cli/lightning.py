@@ -84,6 +84,7 @@ def run(words: Sequence[str], callbacks: Sequence[Callback] = ()) -> None:
         save_config_kwargs={"overwrite": True},
         # The usage that would be listed otherwise names some eighty options before it comes to what is wrong.
         parser_kwargs={
+            "prog": "kfit",
             "formatter_class": HelpPage,
             **{
                 name: {"usage": f"kfit {name} -c RECIPE [--OPTION VALUE …]", "epilog": f"example:\n  {example}"}

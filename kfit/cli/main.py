@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Iterator, Sequence
 
 from jsonargparse import ArgumentError, ArgumentParser, Namespace
@@ -48,7 +47,7 @@ def parser() -> ArgumentParser:
         formatter_class=HelpPage,
         exit_on_error=False,
     )
-    commands = top.add_subcommands(prog="kfit", title="commands", description=None, metavar="COMMAND")
+    commands = top.add_subcommands(title="commands", description=None, metavar="COMMAND")
     parsers = {name: command.parser() for name, command in COMMANDS.items()}
     for name, command in COMMANDS.items():
         commands.add_subcommand(name, parsers[name], help=str(command.__doc__).partition("\n")[0])
@@ -87,7 +86,8 @@ def main(args: Sequence[str] | None = None) -> None:
         try:
             said = parser().parse_args(words)
         except ArgumentError as error:
-            named = words[: 2 if words[0] == "bench" else 1] if words[0] in COMMANDS else []
-            raise ValueError(f"{error}; `{shlex.join(['kfit', *named, '--help'])}` tells more") from None
+            named = [word for word, known in zip(words, (COMMANDS, bench.BENCHMARKS), strict=False) if word in known]
+            told = " ".join(str(error).split())  # jsonargparse breaks its lines
+            raise ValueError(f"{told}; `{' '.join(['kfit', *named])} --help` tells more") from None
         chosen: Namespace = said[said.subcommand]
         COMMANDS[said.subcommand].run(chosen)

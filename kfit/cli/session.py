@@ -55,14 +55,14 @@ def session(args: Sequence[str] | None) -> Iterator[list[str]]:
     general = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
     add_general_options(general)
     said, words = general.parse_known_args(list(sys.argv[1:] if args is None else args))
-    quiet, verbose = "quiet" in said, "verbose" in said
+    quiet, verbose = "quiet" in said, "verbose" in said and "quiet" not in said
     handler, before = _Stderr(), log.level
     handler.setFormatter(logging.Formatter("kfit: %(message)s"))
     log.addHandler(handler)
     log.setLevel(logging.ERROR if quiet else logging.DEBUG if verbose else logging.INFO)
     try:
         with _endings(verbose), warnings.catch_warnings():
-            if quiet and verbose:
+            if quiet and "verbose" in said:
                 raise ValueError("--quiet and --verbose were both given; say one of them")
             if quiet:
                 warnings.simplefilter("ignore")
@@ -113,9 +113,9 @@ def _endings(verbose: bool) -> Iterator[None]:
         log.warning("interrupted")
         raise SystemExit(130) from None
     except SystemExit as end:
-        if isinstance(end.__context__, KeyboardInterrupt):  # Lightning ends so, with status 1
-            raise SystemExit(130) from None
-        raise
+        # Lightning and rich turn these into an end with status 1.
+        code = {KeyboardInterrupt: 130, BrokenPipeError: 141}.get(type(end.__context__), end.code)  # type: ignore[arg-type]
+        raise SystemExit(code) from None
     except MISTAKES as error:
         log.error("%s", error, exc_info=verbose)
         raise SystemExit(2) from None
