@@ -11,14 +11,13 @@ from typing import Any
 
 from jsonargparse import ArgumentParser, Namespace
 
-import kfit
 from kfit.cli.accuracy_page import Section, processor
 from kfit.cli.bench_page import show
 
 PACKAGES = ("torch", "kornia", "opencv-contrib-python-headless", "onnxruntime", "lightning")
 # As cards name them.
 UNSEEN, ALL = "unseen procedural objects, held-out families", "all views"
-BUNDLED = Path(kfit.__file__).parent / "models/bundled"
+BUNDLED = Path(__file__).parents[1] / "models/bundled"
 MIB = 2**20
 
 
