@@ -28,9 +28,9 @@ class Section:
 
     def table(self) -> Table:
         """For the terminal."""
-        from rich.table import Table
+        from rich.table import Column, Table
 
-        table = Table(*self.header, title=self.heading)
+        table = Table(*(Column(name, overflow="fold") for name in self.header), title=self.heading)
         for row in self.rows:
             table.add_row(*row)
         return table

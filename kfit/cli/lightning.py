@@ -71,7 +71,8 @@ def run(words: Sequence[str], callbacks: Sequence[Callback] = ()) -> None:
     warnings.filterwarnings("ignore", message="LightningCLI's args parameter")
     defaults: dict[str, Any] = {"callbacks": list(callbacks)} if callbacks else {}
     if not (log := logging.getLogger("kfit")).isEnabledFor(logging.WARNING):
-        logging.getLogger("lightning.pytorch").setLevel(log.level)
+        for part in ("pytorch", "fabric"):
+            logging.getLogger(f"lightning.{part}").setLevel(log.level)
         defaults |= {"enable_progress_bar": False, "enable_model_summary": False}
     _CLI(
         LightningModule,
