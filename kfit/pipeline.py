@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import chain
@@ -35,6 +36,8 @@ from kfit.features import FeatureNetwork
 from kfit.judge import Judge
 from kfit.proposals import propose
 from kfit.selectors import LowestEnergy
+
+_log = logging.getLogger(__name__)
 
 
 class FitPipeline(nn.Module):
@@ -198,6 +201,7 @@ class FitPipeline(nn.Module):
             if len(state.problem) == 0:
                 break
         result = recorder.result(state, self.selector, judge.num_evaluations)
+        _log.debug("%d steps drew %d pictures; energies %s", step, judge.num_evaluations, result.energy.tolist())
         for callback in self.callbacks:
             callback.on_end(result)
         return result

@@ -1,6 +1,7 @@
 """The pipeline on a generator that is a formula: a Gaussian spot whose truth is known."""
 
 import math
+import sys
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 
@@ -689,8 +690,8 @@ class TestProgress:
         assert capsys.readouterr() == ("", "")
 
     def test_tells_of_the_fit_on_a_terminal_also_after_one_that_broke_off(self, capsys, monkeypatch):
-        monkeypatch.setenv("FORCE_COLOR", "1")
         monkeypatch.setenv("TERM", "xterm")
+        monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
         settings = {"num_starts": 1, "num_steps": 2, "energies": {"image": L2(), "cliff": Cliff(0.5)}}
         progress = [Progress()]
         with pytest.raises(FitError):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import sys
 
 from rich.console import Console
@@ -11,7 +12,10 @@ from kfit.core import Callback, FitResult, FitState
 
 
 class Progress(Callback):
-    """Shows steps, rows left and the lowest energy on stderr; silent where stderr is no terminal."""
+    """Shows steps, rows left, the lowest energy and the time left on stderr.
+
+    Silent where stderr is no terminal, and where the logger ``kfit`` takes no warnings.
+    """
 
     def __init__(self) -> None:
         self._bar: Bar | None = None
@@ -19,8 +23,8 @@ class Progress(Callback):
     def on_start(self, state: FitState) -> None:
         if self._bar is not None:  # of a fit that broke off
             self._bar.stop()
-        console = Console(file=sys.stderr)
-        self._bar = Bar(console=console, transient=True, disable=not console.is_terminal)
+        silent = not sys.stderr.isatty() or not logging.getLogger("kfit").isEnabledFor(logging.WARNING)
+        self._bar = Bar(console=Console(stderr=True), transient=True, disable=silent)
         self._task = self._bar.add_task("fitting", total=state.num_steps + 1)
         self._bar.start()
 

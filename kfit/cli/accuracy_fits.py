@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 from jsonargparse import Namespace
 from rich.progress import Progress
 from torch import from_numpy
 
+from kfit.cli.session import log
 from kfit.models import CategoryModel, PoseResult
 from kfit.models.accuracy import UnseenViews, answer_to, measure, unseen_views
 from kfit.models.card import KINDS
@@ -55,7 +56,10 @@ class AccuracyFits:
         for category, model in self.models.items():
             task = self.bar.add_task(f"{category}, procedural", total=self.said.views)
             if category not in self.views:
-                self.views[category] = unseen_views(model, self.said.views, self.said.seed)
+                self.bar.update(task, description=f"{category}, drawing")
+                shown = partial(self._show, task)
+                self.views[category] = unseen_views(model, self.said.views, self.said.seed, on_view=shown)
+                self.bar.reset(task, description=f"{category}, procedural")
             found[category] = self._measured(model, self.views[category], task, f"{category} procedural")
         return found
 
@@ -63,7 +67,7 @@ class AccuracyFits:
         """Figures of each scan of the categories."""
         scans, unknown = find_scans(self.said.meshes)
         for path in unknown:
-            print(f"left out: no folder of {path} names a category; say CATEGORY={path.parent}", file=sys.stderr)
+            log.warning("left out: no folder of %s names a category; say CATEGORY=%s", path, path.parent)
         found: Figures = {}
         for scan in scans:
             model = self.models.get(scan.category)
@@ -76,9 +80,12 @@ class AccuracyFits:
             found[name] = self._measured(model, self.views[name], task, f"{scan.category} scan {scan.name}")
         return found
 
+    def _show(self, task: Any, done: int) -> None:
+        self.bar.update(task, completed=done)
+
     def _measured(self, model: CategoryModel, views: UnseenViews, task: Any, sheet: str) -> dict[str, Any]:
         pipeline = self.pipeline(model, self.depth)
-        done = measure(model, views, pipeline, lambda count: self.bar.update(task, completed=count))
+        done = measure(model, views, pipeline, partial(self._show, task))
         if self.shown:
             entries = [
                 _entry(

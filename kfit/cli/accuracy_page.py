@@ -28,9 +28,9 @@ class Section:
 
     def table(self) -> Table:
         """For the terminal."""
-        from rich.table import Table
+        from rich.table import Column, Table
 
-        table = Table(*self.header, title=self.heading)
+        table = Table(*(Column(name, overflow="fold") for name in self.header), title=self.heading)
         for row in self.rows:
             table.add_row(*row)
         return table
@@ -118,26 +118,24 @@ def circumstances(command: str, settings: Mapping[str, Any]) -> dict[str, Any]:
 
     from kfit import __version__
 
+    named = processor() + (f" with {torch.cuda.get_device_name()}" if torch.cuda.is_available() else "")
     return {
         "command": command,
         **settings,
         "versions": {"kfit": __version__, "torch": torch.__version__, "opencv": cv2.__version__}
         | {"python": platform.python_version()},
-        "machine": {"processor": _processor(), "cores": os.cpu_count(), "threads": torch.get_num_threads()},
+        "machine": {"processor": named, "cores": os.cpu_count(), "threads": torch.get_num_threads()},
     }
 
 
-def _processor() -> str:
-    """The processor's name, which Python tells on some systems only, and that of a GPU beside it."""
-    import torch
-
+def processor() -> str:
+    """The processor's name, which Python tells on some systems only."""
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
     except OSError:
         lines = []
     named = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    name = named[0] if named else platform.processor() or platform.machine()
-    return f"{name} with {torch.cuda.get_device_name()}" if torch.cuda.is_available() else name
+    return named[0] if named else platform.processor() or platform.machine()
 
 
 def page(sections: Sequence[Section], how: Mapping[str, Any], sheets: Sequence[str]) -> str:

@@ -33,12 +33,16 @@ BENCHMARKS = {
 
 def parser() -> ArgumentParser:
     """Arguments of ``kfit bench``."""
-    return ArgumentParser(description="Measure models, optimizers and image registration.")
+    return ArgumentParser(
+        description="Measure models, optimizers and image registration, and print tables. `kfit bench WHAT --help` "
+        "tells more of a benchmark.",
+        epilog="examples:\n  kfit bench accuracy --categories '[mug]' --views 20\n  kfit bench registration",
+    )
 
 
 def add_benchmarks(parser: ArgumentParser) -> None:
     """Add the benchmarks to the parser of ``kfit bench``, which must have its place in the tree by then."""
-    commands = parser.add_subcommands(metavar="WHAT", help="what to measure")
+    commands = parser.add_subcommands(title="what to measure", description=None, metavar="WHAT")
     for name, benchmark in BENCHMARKS.items():
         commands.add_subcommand(name, benchmark.parser(), help=str(benchmark.__doc__).partition("\n")[0])
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import shlex
-import sys
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -14,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from jsonargparse import ArgumentParser, Namespace
 
 from kfit.cli.accuracy_page import circumstances, mean_of, objects_section, page, views_section
+from kfit.cli.session import log, progress, table_console
 
 if TYPE_CHECKING:
     from kfit.cli.accuracy_fits import Figures
@@ -29,26 +29,39 @@ def parser() -> ArgumentParser:
         "training, views of scanned objects, and objects of NOCS's frames by their true masks, and print median "
         "rotation errors and the shares under 5°, 10°, 30° and 60°. Symmetric classes, and mugs whose handle is hidden "
         "(less than 2 % of the mask), are judged by their axis, as NOCS does; mugs also on the views that show it.",
-        epilog="example:  kfit bench accuracy --meshes [scans,bottle=scans/shampoo@-y] --nocs nocs --out accuracy",
+        epilog="examples:\n  kfit bench accuracy --categories '[mug]' --views 20\n"
+        "  kfit bench accuracy --meshes '[scans,bottle=scans/shampoo@-y]' --nocs nocs --out accuracy",
     )
     add_sources(parser, 100)
-    parser.add_argument("--starts", type=int, default=4, help="starts a view, best of 4 times as many; 16 if headless")
-    parser.add_argument("--steps", type=int, default=16, help="steps of the optimizer")
-    parser.add_argument("--depth", action="store_true", help="fit the views' depth too, as `kfit pose --depth` does")
-    parser.add_argument("--prune", type=bool, default=True, help="drop unlikely starts on the way, as `kfit pose` does")
-    parser.add_argument("--card", action="store_true", help="write the figures into the card of --model")
-    parser.add_argument(
-        "--out", type=str, default=None, metavar="DIR", help="write README.md, accuracy.json and sheets of fits there"
+    fit = parser.add_argument_group("fits")
+    fit.add_argument("--starts", type=int, default=4, help="starts a view, best of 4 times as many; 16 if headless")
+    fit.add_argument("--steps", type=int, default=16, help="steps of the optimizer")
+    fit.add_argument("--depth", action="store_true", help="fit the views' depth too, as `kfit pose --depth` does")
+    fit.add_argument("--prune", type=bool, default=True, help="drop unlikely starts on the way, as `kfit pose` does")
+    output = parser.add_argument_group("output")
+    output.add_argument("--card", action="store_true", help="write the figures into the card of --model")
+    output.add_argument(
+        "--out",
+        type=str,
+        default=None,
+        metavar="DIR",
+        help="write README.md, accuracy.json and sheets of fits there (default: nowhere)",
     )
     return parser
 
 
 def add_sources(parser: ArgumentParser, views: int) -> None:
     """Add the arguments that choose models, and what they are measured on, so many procedural ``views`` unless said."""
-    parser.add_argument("--categories", type=list[str], default=None, help="bundled models, as [mug,laptop]; else all")
-    parser.add_argument("--model", type=str, default=None, help="a .safetensors model of your own instead")
-    parser.add_argument("--views", type=int, default=views, help="procedural objects a category, a view each; 0: none")
-    parser.add_argument(
+    models = parser.add_argument_group("models")
+    models.add_argument(
+        "--categories", type=list[str], default=None, metavar="[NAME,…]", help="bundled models (default: all of them)"
+    )
+    models.add_argument(
+        "--model", type=str, default=None, metavar="FILE.safetensors", help="a model of your own, instead"
+    )
+    seen = parser.add_argument_group("what they are measured on")
+    seen.add_argument("--views", type=int, default=views, help="procedural objects a category, a view each; 0: none")
+    seen.add_argument(
         "--meshes",
         type=list[str],
         default=[],
@@ -56,9 +69,9 @@ def add_sources(parser: ArgumentParser, views: int) -> None:
         help="scans: folders whose names tell the category as a word (025_mug), or CATEGORY=FOLDER; z is up, or what "
         "stands behind (FOLDER@y, @-y, …); handle, lens and screen point to +x",
     )
-    parser.add_argument("--scan-views", type=int, default=50, help="views of each scan")
-    parser.add_argument("--nocs", type=str, default=None, metavar="FOLDER", help="frames in the folders of NOCS's data")
-    parser.add_argument("--seed", type=int, default=0, help="chooses the objects, poses and lights of the views")
+    seen.add_argument("--scan-views", type=int, default=50, help="views of each scan")
+    seen.add_argument("--nocs", type=str, default=None, metavar="FOLDER", help="frames in the folders of NOCS's data")
+    seen.add_argument("--seed", type=int, default=0, help="chooses the objects, poses and lights of the views")
 
 
 def models_of(said: Namespace) -> dict[str, CategoryModel]:
@@ -86,8 +99,6 @@ def run(said: Namespace) -> None:
     """Measure all that was asked for, print the tables, and write them where they are wanted."""
     if said.card and said.model is None:
         raise ValueError("--card needs --model FILE.safetensors, whose card is written to")
-    from rich.console import Console
-    from rich.progress import Progress
 
     from kfit.cli.accuracy_fits import AccuracyFits
     from kfit.core.whole_files import write_whole
@@ -97,8 +108,7 @@ def run(said: Namespace) -> None:
     flat = [category for category, model in models.items() if said.depth and not draws_depth(model)]
     if flat:
         raise ValueError(f"--depth needs models that draw depth; of {', '.join(flat)} it is the picture alone")
-    console = Console(stderr=True)
-    with Progress(console=console, disable=not console.is_terminal) as bar:
+    with progress() as bar:
         fits = AccuracyFits(models, bar, partial(_pipeline, said), said, said.depth, shown=bool(said.out))
         procedural = fits.procedural() if said.views else {}
         scans = fits.scans() if said.meshes else {}
@@ -111,7 +121,7 @@ def run(said: Namespace) -> None:
     if objects:
         sections.append(objects_section(objects))
     for section in sections:
-        Console(width=110).print(section.table())
+        table_console(110).print(section.table())
         print("\n".join(section.notes))
     if said.card:
         write_card(models, said, procedural, scans, objects)
@@ -127,7 +137,7 @@ def run(said: Namespace) -> None:
             **{name: partial(_write_picture, picture=picture) for name, picture in fits.sheets.items()},
         }
         for path in write_whole(Path(said.out), writers):
-            print(f"wrote {path}", file=sys.stderr)
+            log.info("wrote %s", path)
 
 
 def _pipeline(said: Namespace, model: CategoryModel, depth: bool) -> FitPipeline:
@@ -138,6 +148,8 @@ def write_card(
     models: dict[str, CategoryModel], said: Namespace, procedural: Figures, scans: Figures, objects: list[Any]
 ) -> None:
     """Note what was measured in the card of the one model."""
+    from kfit.core.whole_files import write_whole
+
     (model,) = models.values()
     schedule = {name: _schedule(said)[name] for name in ("starts", "steps", "pruned", "seed")}
     with_depth = ", with depth" if said.depth else ""
@@ -147,7 +159,8 @@ def write_card(
         model.card.accuracy[f"scans{with_depth}"] = {**schedule, **scans}
     if objects:
         model.card.accuracy["objects of NOCS's frames, true masks"] = {**schedule, "objects": objects}
-    model.card.write(Path(said.model).with_suffix(".json"))
+    card = Path(said.model).with_suffix(".json")
+    write_whole(card.parent, {card.name: model.card.write})
 
 
 def _schedule(said: Namespace) -> dict[str, Any]:

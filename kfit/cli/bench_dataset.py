@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import json
 import logging
-import sys
 import tempfile
 import time
 import warnings
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +17,7 @@ from jsonargparse import ArgumentParser, Namespace
 from kfit.cli.accuracy_page import Section
 from kfit.cli.bench_accuracy import command
 from kfit.cli.bench_page import show, write_page
+from kfit.cli.session import progress
 
 if TYPE_CHECKING:
     from kfit.models import CategoryModel
@@ -31,17 +33,21 @@ def parser() -> ArgumentParser:
         description="Draw photos of unseen objects, 640 × 480 with one object each, and fit the folder as `lightning "
         "predict -c recipes/fit_dataset.yaml` does: read, cut out, fit, judge, write. The first batch warms up and is "
         "counted apart.",
-        epilog="example:  kfit bench dataset --device cuda --objects 1152 --batch-size 128 --out dataset",
+        epilog="example:\n  kfit bench dataset --device cuda --objects 1152 --batch-size 128 --out dataset",
     )
     parser.add_argument("--category", type=str, default="laptop", help="the bundled model")
     parser.add_argument("--objects", type=int, default=24, help="photos")
     parser.add_argument("--batch-size", type=int, default=1, help="photos at once")
     parser.add_argument("--device", type=str, default="cpu", help="cpu, cuda or whatever PyTorch calls it")
     parser.add_argument(
-        "--precisions", type=list[str], default=["32-true", "bf16-mixed"], help="of the trainer, one after the other"
+        "--precisions",
+        type=list[str],
+        default=["32-true", "bf16-mixed"],
+        metavar="[NAME,…]",
+        help="of the trainer, one after the other",
     )
     parser.add_argument("--seed", type=int, default=0, help="chooses objects, poses and starts")
-    parser.add_argument("--out", type=str, default=None, metavar="DIR", help="write README.md there")
+    parser.add_argument("--out", type=str, default=None, metavar="DIR", help="write README.md there (default: nowhere)")
     return parser
 
 
@@ -57,14 +63,16 @@ def run(said: Namespace) -> None:
 
     device, model = device_of(said.device), load(said.category)
     rows = []
-    with tempfile.TemporaryDirectory() as folder:
-        print(f"kfit: drawing {said.objects} photos", file=sys.stderr)
-        views = unseen_views(model, said.objects, said.seed, PHOTO)
+    with tempfile.TemporaryDirectory() as folder, progress() as bar:
+        task = bar.add_task("drawing photos", total=said.objects)
+        shown = partial(bar.advance, task)
+        views = unseen_views(model, said.objects, said.seed, PHOTO, on_view=lambda done: shown())
         photos = Path(folder) / "photos"
         write_photos(views, photos)
         for precision in said.precisions:
             out = Path(folder) / precision
-            ends = fitted(photos, out, said, precision, device.type)
+            bar.reset(task, description=f"fitting by {precision}")
+            ends = fitted(photos, out, said, precision, device.type, lambda: shown(said.batch_size))
             rows.append([precision, *figures(ends, said), *judged(model, views, out)])
     table = section(rows)
     show([table], 140)
@@ -90,8 +98,10 @@ def write_photos(views: UnseenViews, folder: Path) -> None:
             imsave(folder / f"{name}.png", (picture.clip(0, 1) * 255 + 0.5).astype(np.uint8), check_contrast=False)
 
 
-def fitted(photos: Path, out: Path, said: Namespace, precision: Any, accelerator: str) -> list[float]:
-    """Fit the folder, and the seconds until the end of each batch."""
+def fitted(
+    photos: Path, out: Path, said: Namespace, precision: Any, accelerator: str, on_batch: Callable[[], None]
+) -> list[float]:
+    """Fit the folder, telling of each batch, and the seconds until the end of each."""
     import torch
     from lightning import LightningModule, Trainer
     from lightning.pytorch import Callback
@@ -104,13 +114,15 @@ def fitted(photos: Path, out: Path, said: Namespace, precision: Any, accelerator
 
         def on_predict_batch_end(self, trainer: Trainer, pl_module: LightningModule, *rest: Any) -> None:
             ends.append(time.perf_counter() - begun)
+            on_batch()
 
     ends: list[float] = []
     warnings.filterwarnings("ignore", message=".*LeafSpec.*")
     logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
     trainer = Trainer(
         accelerator={"cuda": "gpu"}.get(accelerator, accelerator), devices=1, precision=precision, logger=False,
-        enable_checkpointing=False, enable_model_summary=False, callbacks=[Watch()], default_root_dir=out,
+        enable_checkpointing=False, enable_model_summary=False, enable_progress_bar=False,
+        callbacks=[Watch()], default_root_dir=out,
     )  # fmt: skip
     data = PhotoFolder(photos, said.category, said.batch_size)
     begun = time.perf_counter()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
@@ -13,6 +12,7 @@ from jsonargparse import ArgumentParser, Namespace
 
 from kfit.cli.accuracy_page import Section, circumstances, mean_of, page
 from kfit.cli.bench_accuracy import add_sources, command, models_of, write_text
+from kfit.cli.session import log, progress, table_console
 
 if TYPE_CHECKING:
     from kfit.core import Energy
@@ -31,19 +31,23 @@ def parser() -> ArgumentParser:
         description="Fit the same views with each energy of drawing and photo, priors as always, and compare rotation "
         "errors. With --out, what was measured is kept there after each energy, and the same command goes on after an "
         "interruption.",
-        epilog="example:  kfit bench energies --categories [laptop,mug] --nocs nocs --vgg16 vgg16.pth --out energies",
+        epilog="example:\n  kfit bench energies --categories '[laptop,mug]' --nocs nocs --out energies",
     )
     add_sources(parser, 50)
-    parser.add_argument("--starts", type=int, default=4, help="starts a view, best of 4 times as many; 16 if headless")
-    parser.add_argument("--steps", type=int, default=16, help="steps of the optimizer")
-    parser.add_argument(
+    fit = parser.add_argument_group("fits")
+    fit.add_argument("--starts", type=int, default=4, help="starts a view, best of 4 times as many; 16 if headless")
+    fit.add_argument("--steps", type=int, default=16, help="steps of the optimizer")
+    fit.add_argument(
         "--vgg16",
         type=str,
         default=None,
         metavar="FILE",
-        help="torchvision's VGG16 weights, .pth or .safetensors, for the paper's energy and LPIPS; else without these",
+        help="torchvision's VGG16 weights, .pth or .safetensors, for the paper's energy and LPIPS (default: without)",
     )
-    parser.add_argument("--out", type=str, default=None, metavar="DIR", help=f"write README.md and {FILE} there")
+    output = parser.add_argument_group("output")
+    output.add_argument(
+        "--out", type=str, default=None, metavar="DIR", help=f"write README.md and {FILE} there (default: nowhere)"
+    )
     return parser
 
 
@@ -101,8 +105,6 @@ def mixes(vgg16: str | None) -> dict[str, Callable[[CategoryModel], Mix]]:
 
 def run(said: Namespace) -> None:
     """Measure what was not measured yet, print the table, and write it where it is wanted."""
-    from rich.console import Console
-    from rich.progress import Progress
 
     from kfit.core.whole_files import write_whole
 
@@ -111,9 +113,8 @@ def run(said: Namespace) -> None:
     asked = {name: value for name, value in said.items() if name not in ("out", "vgg16")}
     found = _measured_before(said.out, asked)
     if said.vgg16 is None:
-        print("VGG16's energies and LPIPS are left out; say --vgg16 FILE for them", file=sys.stderr)
-    console = Console(stderr=True)
-    with Progress(console=console, disable=not console.is_terminal) as bar:
+        log.info("VGG16's energies and LPIPS are left out; say --vgg16 FILE for them")
+    with progress() as bar:
         views: dict[str, UnseenViews] = {}
         for name, make in compared.items():
             if name not in found:
@@ -122,12 +123,12 @@ def run(said: Namespace) -> None:
                 told = {"asked": asked, "found": found}
                 write_whole(Path(said.out), {FILE: partial(write_text, text=json.dumps(told, indent=2) + "\n")})
     table = section({name: found[name] for name in compared})
-    Console(width=140).print(table.table())
+    table_console(140).print(table.table())
     if said.out:
         how = circumstances(command("energies", said, parser().get_defaults()), asked | {"pruned": True})
         text = page([table], how, [])
         for path in write_whole(Path(said.out), {"README.md": partial(write_text, text=text)}):
-            print(f"wrote {path}", file=sys.stderr)
+            log.info("wrote %s", path)
 
 
 def _measured(

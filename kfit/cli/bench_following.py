@@ -9,6 +9,7 @@ from jsonargparse import ArgumentParser, Namespace
 from kfit.cli.accuracy_page import Section
 from kfit.cli.bench_accuracy import command
 from kfit.cli.bench_page import show, write_page
+from kfit.cli.session import progress
 
 if TYPE_CHECKING:
     from kfit.models import CategoryModel, Followed
@@ -21,15 +22,17 @@ def parser() -> ArgumentParser:
         description="Draw clips of unseen objects that turn and wander before photos, and find their poses in three "
         "ways: each frame fitted by itself with its true mask; followed with the true masks; and followed with the "
         "first frame's alone, later ones being found about the last drawing's silhouette.",
-        epilog="example:  kfit bench following --categories [mug,laptop] --clips 3",
+        epilog="example:\n  kfit bench following --categories '[mug,laptop]' --clips 3",
     )
-    parser.add_argument("--categories", type=list[str], default=None, help="bundled models, as [mug,laptop]; else all")
+    parser.add_argument(
+        "--categories", type=list[str], default=None, metavar="[NAME,…]", help="bundled models (default: all of them)"
+    )
     parser.add_argument("--clips", type=int, default=2, help="clips of each category")
     parser.add_argument("--frames", type=int, default=40, help="frames of each clip")
     parser.add_argument("--turn", type=float, default=2.0, help="degrees of azimuth from frame to frame")
     parser.add_argument("--every", type=int, default=4, help="fit every so many frames by themselves")
     parser.add_argument("--seed", type=int, default=0, help="chooses objects and poses")
-    parser.add_argument("--out", type=str, default=None, metavar="DIR", help="write README.md there")
+    parser.add_argument("--out", type=str, default=None, metavar="DIR", help="write README.md there (default: nowhere)")
     return parser
 
 
@@ -38,16 +41,13 @@ def run(said: Namespace) -> None:
     for name, least in {"clips": 1, "frames": 2, "every": 1}.items():
         if said[name] < least:
             raise ValueError(f"--{name} must be at least {least}, got {said[name]}")
-    from rich.console import Console
-    from rich.progress import Progress
 
     from kfit.models import bundled, load
     from kfit.models.clips import unseen_clip
 
     names = bundled() if said.categories is None else said.categories
     found: dict[str, list[dict[str, Any]]] = {}
-    console = Console(stderr=True)
-    with Progress(console=console, disable=not console.is_terminal) as bar:
+    with progress() as bar:
         task = bar.add_task("following", total=len(names) * said.clips)
         for model in map(load, names):
             for number in range(said.clips):

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from jsonargparse import ArgumentParser, Namespace
+
+from kfit.cli.session import progress, table_console
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -45,7 +46,8 @@ def parser() -> ArgumentParser:
         "themselves; solved when the corners lie within 1 pixel on average. Pose: a bundled model against views of "
         "objects that it has never seen, code, pose, shift and scale free; solved within 10° (symmetry counted). "
         "Inversion: the code of a picture that the model drew itself, at the true pose; solved when the pictures "
-        "differ by at most 0.01 (root mean square)."
+        "differ by at most 0.01 (root mean square).",
+        epilog="example:\n  kfit bench optimizers --category mug --problems 2",
     )
     parser.add_argument("--category", type=str, default="laptop", help="the bundled model for pose and inversion")
     parser.add_argument("--problems", type=int, default=4, help="problems of each kind")
@@ -57,8 +59,6 @@ def parser() -> ArgumentParser:
 
 def run(said: Namespace) -> None:
     """Fit everything, and print the table."""
-    from rich.console import Console
-    from rich.progress import Progress
     from rich.table import Table
 
     from kfit import FitPipeline
@@ -67,8 +67,7 @@ def run(said: Namespace) -> None:
         if said[name] < 1:
             raise ValueError(f"--{name} must be at least 1, got {said[name]}")
     table = Table("problem", "optimizer", "energy", "pictures", "seconds", "solved")
-    console = Console(stderr=True)
-    with Progress(console=console, disable=not console.is_terminal) as bar:
+    with progress() as bar:
         task = bar.add_task("building problems")
         problems = [
             *(registration(name, said.problems, said.seed) for name in ("astronaut", "coffee")),
@@ -101,7 +100,7 @@ def run(said: Namespace) -> None:
                 )
                 bar.advance(task)
             table.add_section()
-    Console(width=110, file=sys.stdout).print(table)
+    table_console(110).print(table)
 
 
 def optimizers(problem: Problem, budget: int) -> dict[str, tuple[Optimizer, int]]:

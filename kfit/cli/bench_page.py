@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
 from kfit.cli.accuracy_page import Section, circumstances
 from kfit.cli.bench_accuracy import write_text
+from kfit.cli.session import log, table_console
 
 
 def show(tables: Sequence[Section], width: int) -> None:
     """Print tables, each with its notes."""
-    from rich.console import Console
 
     for table in tables:
-        Console(width=width).print(table.table())
+        table_console(width).print(table.table())
         print("\n".join(table.notes))
 
 
@@ -45,4 +44,4 @@ def write_page(
     head = f"Made by `{command}`; {versions}; {machine['processor']}, {machine['threads']} threads."
     text = "\n".join([f"# {title}", "", head, "", *lines, *(line for table in tables for line in table.markdown())])
     for path in write_whole(Path(out), {"README.md": partial(write_text, text=text), **(files or {})}):
-        print(f"wrote {path}", file=sys.stderr)
+        log.info("wrote %s", path)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import shlex
-import sys
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
 from jsonargparse import ArgumentParser, Namespace
+
+from kfit.cli.session import log, progress
 
 
 def parser() -> ArgumentParser:
@@ -19,20 +20,23 @@ def parser() -> ArgumentParser:
         "again, so that an interrupted run goes on where it stopped. Tables: 1a (w/o 3D, w/o VAE, full), 1b (code of "
         "4, 16, 128), 2a (energies), backbone (VAE3D against RadianceField), curves (RGB, RGB-D, regressor, "
         "NOCS-style, pose head) and robustness (laptops).",
-        epilog="example, from trained weights in some 20 minutes:  kfit bench paper --tables [1a,2a] --categories "
-        "[laptop] --views 20 --starts 8 --steps 30 --out quick",
+        epilog="example, which takes some 20 minutes from trained weights:\n  kfit bench paper --tables '[1a,2a]' "
+        "--categories '[laptop]' --views 20 --starts 8 --steps 30 --out quick",
     )
     known = ["1a", "1b", "2a", "backbone", "curves", "robustness"]
-    parser.add_argument("--tables", type=list[str], default=known, help="which, as [1a,2a]")
-    parser.add_argument("--categories", type=list[str], default=["laptop", "mug"], help="of objects, as [laptop,mug]")
+    parser.add_argument("--tables", type=list[str], default=known, metavar="[NAME,…]", help="which")
+    parser.add_argument(
+        "--categories", type=list[str], default=["laptop", "mug"], metavar="[NAME,…]", help="of objects"
+    )
     parser.add_argument("--train-steps", type=int, default=1500, help="of each training, 32 pairs each")
     parser.add_argument("--objects", type=int, default=4000, help="procedural objects to train on")
     parser.add_argument(
         "--vgg16",
         type=str,
+        default=None,
         metavar="FILE",
-        help="VGG16's ImageNet weights (torchvision's names) that the regressor starts from, as the paper's did; from "
-        "nothing without",
+        help="VGG16's ImageNet weights (torchvision's names) that the regressor starts from, as the paper's did "
+        "(default: from nothing)",
     )
     parser.add_argument("--views", type=int, default=60, help="unseen objects a row, one view each")
     parser.add_argument("--starts", type=int, default=16, help="starts a view")
@@ -47,8 +51,6 @@ def parser() -> ArgumentParser:
 
 def run(said: Namespace) -> None:
     """Train and measure what is missing, and write the page."""
-    from rich.console import Console
-    from rich.progress import Progress
 
     from kfit.cli.paper.fits import Schedule
     from kfit.cli.paper.page import figures, page
@@ -66,7 +68,6 @@ def run(said: Namespace) -> None:
             raise ValueError(f"--{name} must be at least {least}, got {said[name]}")
     if said.train_steps < EPOCHS or said.train_steps % EPOCHS:
         raise ValueError(f"--train-steps must be a multiple of {EPOCHS}, got {said.train_steps}")
-    console = Console(stderr=True)
     if said.vgg16 is not None and not Path(said.vgg16).is_file():
         raise FileNotFoundError(f"--vgg16: there is no file {said.vgg16}")
     training = Training(
@@ -78,7 +79,7 @@ def run(said: Namespace) -> None:
         for category in ([STUDIED] if table == "robustness" else said.categories)
         for unit in TABLES[table]
     ]
-    with Progress(console=console, disable=not console.is_terminal) as bar:
+    with progress() as bar:
         whole, part = bar.add_task("rows", total=len(set(wanted))), bar.add_task("")
         how = Measuring(
             training,
@@ -96,7 +97,7 @@ def run(said: Namespace) -> None:
     for name, figure in figures(units, said.tables, said.categories).items():
         writers[f"{name}.png"] = partial(figure.savefig, dpi=110)
     for path in write_whole(Path(said.out), writers):
-        print(f"wrote {path}", file=sys.stderr)
+        log.info("wrote %s", path)
 
 
 def _command(said: Namespace) -> str:

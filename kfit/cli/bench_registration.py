@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import statistics
-import sys
 import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING
 from jsonargparse import ArgumentParser, Namespace
 
 from kfit.cli.registration_pairs import PICTURES, Pair, corner_distance, inside, make_pair, noise_floor
+from kfit.cli.session import progress, table_console
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -25,10 +25,17 @@ def parser() -> ArgumentParser:
         "the seconds: kfit (Levenberg–Marquardt, coarse to fine), Kornia's ImageRegistrator and OpenCV's "
         "findTransformECC with their default settings (ECC with up to 500 iterations), and ECC without its blur. The "
         "floor is the distance (root mean square) that the noise alone leaves to the best unbiased method, the "
-        "Cramér–Rao bound: what lies closer together than that may stand in either order by chance."
+        "Cramér–Rao bound: what lies closer together than that may stand in either order by chance.",
+        epilog="example:\n  kfit bench registration --pictures '[coffee,coins]' --draws 3",
     )
-    parser.add_argument("--pictures", type=list[str], default=list(PICTURES), help="names in skimage.data, as [a,b]")
-    parser.add_argument("--size", type=int, default=192, help="width of the pictures in pixels")
+    parser.add_argument(
+        "--pictures",
+        type=list[str],
+        default=list(PICTURES),
+        metavar="[NAME,…]",
+        help="names in skimage.data (default: all ten)",
+    )
+    parser.add_argument("--size", type=int, default=192, help="width of the pictures in pixels, a multiple of 8")
     parser.add_argument("--noise", type=float, default=0.02, help="standard deviation of the noise, of a range of 1")
     parser.add_argument("--draws", type=int, default=1, help="pairs of each picture; the table shows their medians")
     parser.add_argument("--seed", type=int, default=0, help="chooses maps, brightness and noise")
@@ -37,8 +44,6 @@ def parser() -> ArgumentParser:
 
 def run(said: Namespace) -> None:
     """Register, and print the table."""
-    from rich.console import Console
-    from rich.progress import Progress
     from rich.table import Table
 
     unknown = sorted(set(said.pictures) - set(PICTURES))
@@ -57,8 +62,7 @@ def run(said: Namespace) -> None:
     table = Table("picture", "before", "floor", *methods, title="mean corner distance in pixels (seconds)")
     found: dict[str, list[float]] = {name: [] for name in ("before", "floor", *methods)}
     seconds: dict[str, list[float]] = {name: [] for name in methods}
-    console = Console(stderr=True)
-    with Progress(console=console, disable=not console.is_terminal) as bar:
+    with progress() as bar:
         task = bar.add_task("registering", total=len(said.pictures) * said.draws * len(methods))
         for name in said.pictures:
             for seed in range(said.seed, said.seed + said.draws):
@@ -73,7 +77,7 @@ def run(said: Namespace) -> None:
             middle = {k: statistics.median(numbers[-said.draws :]) for k, numbers in found.items()}
             cells = [f"{middle[k]:.3f} ({statistics.median(s[-said.draws :]):.2f})" for k, s in seconds.items()]
             table.add_row(name, f"{middle['before']:.1f}", f"{middle['floor']:.3f}", *cells)
-    Console(width=110, file=sys.stdout).print(table)
+    table_console(110).print(table)
     for rival in list(methods)[1:]:
         print(compared(found["kfit"], found[rival], found["floor"], rival, said.draws))
 

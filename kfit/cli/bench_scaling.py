@@ -9,6 +9,7 @@ from jsonargparse import ArgumentParser, Namespace
 from kfit.cli.accuracy_page import Section
 from kfit.cli.bench_accuracy import command
 from kfit.cli.bench_page import show, write_page
+from kfit.cli.session import progress
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -22,11 +23,13 @@ def parser() -> ArgumentParser:
         description="Fit views of unseen objects while the number of objects, starts or steps, the size of the code or "
         "that of the pictures grows, the rest staying as it is, and measure seconds and memory; then fit by one and by "
         "two processes of one thread.",
-        epilog="example:  kfit bench scaling --category mug --out scaling",
+        epilog="example:\n  kfit bench scaling --category mug --out scaling",
     )
     parser.add_argument("--category", type=str, default="laptop", help="the bundled model")
     parser.add_argument("--fits", type=int, default=5, help="fits of each process")
-    parser.add_argument("--out", type=str, default=None, metavar="DIR", help=f"write README.md and {PLOT} there")
+    parser.add_argument(
+        "--out", type=str, default=None, metavar="DIR", help=f"write README.md and {PLOT} there (default: nowhere)"
+    )
     return parser
 
 
@@ -34,16 +37,13 @@ def run(said: Namespace) -> None:
     """Measure, print the tables, and write them and the plot where they are wanted."""
     if said.fits < 1:
         raise ValueError(f"--fits must be at least 1, got {said.fits}")
-    from rich.console import Console
-    from rich.progress import Progress
 
     from kfit.models import load
     from kfit.models.scaling import AXES, USUAL, cost_of, rate_of_processes
 
     model = load(said.category)
     found: dict[str, list[tuple[int, float, float | None]]] = {}
-    console = Console(stderr=True)
-    with Progress(console=console, disable=not console.is_terminal) as bar:
+    with progress() as bar:
         task = bar.add_task("scaling", total=sum(map(len, AXES.values())) + 2)
         for axis, values in AXES.items():
             for value in values:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
@@ -14,6 +13,7 @@ from jsonargparse import ArgumentParser, Namespace
 
 from kfit.cli.bench_accuracy import command, write_text
 from kfit.cli.bench_page import show
+from kfit.cli.session import log, progress
 from kfit.cli.speed_page import page, sections
 
 if TYPE_CHECKING:
@@ -36,19 +36,25 @@ def parser() -> ArgumentParser:
         "with the bundled model of the category. The first --timed views are fitted --repeats times, the ways in turn; "
         "all --views once for accuracy. The released schedule takes minutes a view on a CPU: with --out what was "
         "measured is kept after each fit, and the same command goes on after an interruption.",
-        epilog="example:  kfit bench speed --model paper.safetensors --vgg16 vgg16-397923af.pth --out speed",
+        epilog="example:\n  kfit bench speed --model paper.safetensors --vgg16 vgg16-397923af.pth --out speed",
     )
     parser.add_argument(
-        "--model", type=str, required=True, help="paper-sized weights: recipes/vae3d_paper.yaml, then `kfit pack`"
+        "--model",
+        type=str,
+        required=True,
+        metavar="FILE.safetensors",
+        help="paper-sized weights: recipes/vae3d_paper.yaml, then `kfit pack`",
     )
-    parser.add_argument("--recipe", type=str, default="recipes/fit_released.yaml", help="the released schedule")
+    parser.add_argument(
+        "--recipe", type=str, default="recipes/fit_released.yaml", metavar="RECIPE.yaml", help="the released schedule"
+    )
     parser.add_argument(
         "--vgg16",
         type=str,
         default=None,
         metavar="FILE",
-        help="torchvision's VGG16 weights, in whose layers up to conv3_3 only the numbers differ from VGG19's; else "
-        "VGG19's file is taken as the recipe says (548 MB, fetched the first time)",
+        help="torchvision's VGG16 weights, in whose layers up to conv3_3 only the numbers differ from VGG19's "
+        "(default: VGG19's file, as the recipe says: 548 MB, fetched the first time)",
     )
     parser.add_argument("--views", type=int, default=100, help="unseen objects, a view each, for accuracy")
     parser.add_argument("--timed", type=int, default=10, help="those of them that are timed")
@@ -56,7 +62,9 @@ def parser() -> ArgumentParser:
     parser.add_argument("--device", type=str, default="cpu", help="cpu, cuda or whatever PyTorch calls it")
     parser.add_argument("--precision", type=str, default="32", choices=["32", "bf16"], help="of kfit's own fits")
     parser.add_argument("--seed", type=int, default=0, help="chooses objects, poses and starts")
-    parser.add_argument("--out", type=str, default=None, metavar="DIR", help=f"write README.md and {FILE} there")
+    parser.add_argument(
+        "--out", type=str, default=None, metavar="DIR", help=f"write README.md and {FILE} there (default: nowhere)"
+    )
     return parser
 
 
@@ -78,8 +86,6 @@ def run(said: Namespace) -> None:
             raise ValueError(f"--{name} must be at least {least}, got {said[name]}")
     if said.timed > said.views:
         raise ValueError(f"--timed must be at most --views, {said.views}, got {said.timed}")
-    from rich.console import Console
-    from rich.progress import Progress
 
     from kfit.cli.accuracy_page import circumstances
     from kfit.core.whole_files import write_whole
@@ -92,12 +98,11 @@ def run(said: Namespace) -> None:
     ways = ways_of(said, model)
     asked = {name: value for name, value in said.items() if name not in ("out", "views", "timed", "repeats")}
     found = _before(said.out, asked)
-    console = Console(stderr=True)
-    with Progress(console=console, disable=not console.is_terminal) as bar:
-        task = bar.add_task("drawing views")
-        views = unseen_views(model, said.views, said.seed)
+    with progress() as bar:
+        task = bar.add_task("drawing views", total=said.views)
+        views = unseen_views(model, said.views, said.seed, on_view=lambda done: bar.update(task, completed=done))
         left = [unit for unit in units(said, ways) if not _has(found, *unit)]
-        bar.update(task, total=len(left))
+        bar.reset(task, total=len(left))
         for way, number, _ in left:
             bar.update(task, description=f"{way.name}, view {number + 1}")
             measured = fit(way, ways, views, number, said.seed, device)
@@ -116,7 +121,7 @@ def run(said: Namespace) -> None:
     if said.out:
         how = circumstances(command("speed", said, parser().get_defaults()), asked)
         for path in write_whole(Path(said.out), {"README.md": partial(write_text, text=page(tables, how))}):
-            print(f"wrote {path}", file=sys.stderr)
+            log.info("wrote %s", path)
 
 
 def ways_of(said: Namespace, model: CategoryModel) -> list[Way]:

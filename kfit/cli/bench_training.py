@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import tempfile
-import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,8 +12,11 @@ from jsonargparse import ArgumentParser, Namespace
 from kfit.cli.accuracy_page import Section
 from kfit.cli.bench_accuracy import command
 from kfit.cli.bench_page import show, write_page
+from kfit.cli.session import progress
 
 if TYPE_CHECKING:
+    from lightning.pytorch import Callback
+
     from kfit.training.stopwatch import Stopwatch
 
 RECIPES = ["recipes/vae3d.yaml", "recipes/radiance_field.yaml", "recipes/pose_head.yaml"]
@@ -26,12 +28,18 @@ def parser() -> ArgumentParser:
         description="Train by recipes for some steps as `lightning fit` does, on a few objects that are rendered for "
         "it, and print what a step costs, how long it waits for its data, and how near its convolutions and products "
         "come to the rate at which the machine multiplies matrices.",
-        epilog="example:  kfit bench training --recipes [recipes/vae3d_paper.yaml] --steps 10",
+        epilog="example:\n  kfit bench training --recipes '[recipes/vae3d_paper.yaml]' --steps 10",
     )
-    parser.add_argument("--recipes", type=list[str], default=RECIPES, help="of trainings")
+    parser.add_argument(
+        "--recipes",
+        type=list[str],
+        default=RECIPES,
+        metavar="[RECIPE.yaml,…]",
+        help="of trainings (default: recipes/vae3d.yaml, radiance_field.yaml and pose_head.yaml)",
+    )
     parser.add_argument("--category", type=str, default="mug", help="procedural category")
     parser.add_argument("--steps", type=int, default=20, help="steps that are timed, after five that are not")
-    parser.add_argument("--out", type=str, default=None, metavar="DIR", help="write README.md there")
+    parser.add_argument("--out", type=str, default=None, metavar="DIR", help="write README.md there (default: nowhere)")
     return parser
 
 
@@ -72,10 +80,31 @@ def measured(recipe: str, category: str, steps: int, folder: str) -> Stopwatch:
     words += ["--trainer.logger", "false", "--trainer.callbacks", "null", "--trainer.enable_progress_bar", "false"]
     words += ["--trainer.enable_checkpointing", "false", "--trainer.enable_model_summary", "false"]
     words += ["--trainer.limit_val_batches", "0", "--trainer.default_root_dir", folder]
-    warnings.filterwarnings("ignore", message="LightningCLI's args parameter")
     logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
-    lightning.run(words, callbacks=[clock])
+    lightning.run(words, callbacks=[clock, _steps_shown(Path(recipe).stem, 5 + steps)])
     return clock
+
+
+def _steps_shown(name: str, steps: int) -> Callback:
+    """A bar of training steps, from the first one on: before it, the views that are rendered have one of their own."""
+    from lightning.pytorch import Callback
+
+    class Shown(Callback):
+        def on_train_start(self, *rest: Any) -> None:
+            self.bar = progress()
+            self.bar.start()
+            self.task = self.bar.add_task(f"training by {name}", total=steps)
+
+        def on_train_batch_end(self, *rest: Any) -> None:
+            self.bar.advance(self.task)
+
+        def on_train_end(self, *rest: Any) -> None:
+            self.bar.stop()
+
+        def on_exception(self, *rest: Any) -> None:
+            self.bar.stop()
+
+    return Shown()
 
 
 def section(found: dict[str, Any]) -> Section:

@@ -7,6 +7,8 @@ from typing import Any
 
 from jsonargparse import ArgumentParser, Namespace
 
+from kfit.cli.session import progress, table_console
+
 
 def parser() -> ArgumentParser:
     """Arguments of ``kfit calibrate``."""
@@ -14,10 +16,16 @@ def parser() -> ArgumentParser:
         description="Fit views of unseen procedural objects as `kfit pose` does, fit to them a logistic model of when "
         "an answer is within 20° of the truth, write it into the model's card, and print by cross-validation how often "
         "answers of which confidence are right. The whole rotation counts, also of mugs whose handle is hidden.",
-        epilog="example:  kfit calibrate --model mug.safetensors --views 200, and afterwards on other views  "
-        "kfit calibrate --model mug.safetensors --seed 0 --check",
+        epilog="examples:\n  kfit calibrate --model mug.safetensors --views 200\n"
+        "  kfit calibrate --model mug.safetensors --seed 0 --check",
     )
-    parser.add_argument("--model", type=str, required=True, help="a .safetensors model, whose card is written to")
+    parser.add_argument(
+        "--model",
+        type=str,
+        required=True,
+        metavar="FILE.safetensors",
+        help="the model, whose card beside it is written to",
+    )
     parser.add_argument("--views", type=int, default=200, help="number of objects, one view each")
     parser.add_argument("--seed", type=int, default=7, help="chooses the objects and poses")
     parser.add_argument("--depth", action="store_true", help="calibrate fits to depth too")
@@ -32,9 +40,8 @@ def run(said: Namespace) -> None:
     if said.views < 2:
         raise ValueError(f"--views must be at least 2, got {said.views}")
     import torch
-    from rich.console import Console
-    from rich.progress import Progress
 
+    from kfit.core.whole_files import write_whole
     from kfit.geometry import rotation_error
     from kfit.models import load
     from kfit.models.accuracy import RIGHT_DEG, rotation_errors, unseen_views
@@ -48,10 +55,10 @@ def run(said: Namespace) -> None:
     if said.check and before is None:
         raise ValueError(f"--check: the card of {said.model} holds no calibration of {kind} fits")
     pipeline = model.pipeline(depth=said.depth)
-    views = unseen_views(model, said.views, said.seed)
-    console = Console(stderr=True)
-    with Progress(console=console, disable=not console.is_terminal) as bar:
-        task = bar.add_task("fitting", total=said.views)
+    with progress() as bar:
+        task = bar.add_task("drawing", total=said.views)
+        views = unseen_views(model, said.views, said.seed, on_view=lambda done: bar.update(task, completed=done))
+        bar.reset(task, description="fitting")
         _, results = rotation_errors(model, views, pipeline, on_batch=lambda done: bar.update(task, completed=done))
     told, right, energy = [], [], []
     upright, looks = torch.eye(3, dtype=torch.float64), model.looks(views.observation.image)
@@ -72,20 +79,20 @@ def run(said: Namespace) -> None:
         return
     weights = {name: float(weight) for name, weight in pipeline.weights.items() if weight}  # type: ignore[arg-type]
     model.card.calibration[kind] = calibrate(told, right, energy, how_fitted(results[0], weights), said.seed)
-    model.card.write(Path(said.model).with_suffix(".json"))
+    card = Path(said.model).with_suffix(".json")
+    write_whole(card.parent, {card.name: model.card.write})
     print_reliability(model.card.calibration[kind].measured, "by cross-validation")
 
 
 def print_reliability(found: dict[str, Any], how: str) -> None:
     """Print what `kfit.models.calibrating.reliability` found."""
-    from rich.console import Console
     from rich.table import Table
 
     table = Table("confidence", "answers", "on average", "within 20°", title=how)
     for row in found["bins"]:
         span = f"{100 * row['from']:.0f} to {100 * row['to']:.0f} %"
         table.add_row(span, str(row["number"]), f"{100 * row['said']:.0f} %", f"{100 * row['right']:.0f} %")
-    Console(width=100).print(table)
+    table_console(100).print(table)
     print(
         f"{100 * found['right']:.0f} % of {sum(row['number'] for row in found['bins'])} are within 20°; calibration "
         f"error {100 * found['calibration error']:.1f} %; Brier score {found['brier']:.3f}, of the share said of all "

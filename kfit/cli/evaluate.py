@@ -5,13 +5,14 @@ Prints average precision by category and writes tables and curves.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from jsonargparse import ArgumentParser, Namespace
+
+from kfit.cli.session import log, progress, table_console
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -26,7 +27,7 @@ def parser() -> ArgumentParser:
         description="Score results_*.pkl as the public NOCS evaluators do: average precision of 3D boxes and of poses "
         "whose box was found, by category. Writes DIR/scores.md, scores.csv, scores.json and curves.png, and of "
         "several methods rotation.png, translation.png and iou.png beside them.",
-        epilog="examples:  kfit evaluate results/ --out scores   |   kfit evaluate ours/ nocs/ --out comparison",
+        epilog="examples:\n  kfit evaluate results/ --out scores\n  kfit evaluate ours/ nocs/ --out comparison",
     )
     parser.add_argument(
         "predictions",
@@ -62,8 +63,6 @@ def run(said: Namespace) -> None:
     """Score, print, and write the files."""
     if said.scale_agnostic and said.poses != "pred_RTs":
         raise ValueError("--scale-agnostic needs sizes that belong to the poses: leave --poses out")
-    from rich.console import Console
-    from rich.progress import Progress
 
     from kfit.data.nocs_results import read_results
     from kfit.metrics import evaluate_nocs, scale_agnostic
@@ -71,10 +70,9 @@ def run(said: Namespace) -> None:
     from kfit.reports.precision_tables import COLUMNS, SCALE_AGNOSTIC_COLUMNS, table_of
 
     methods = _methods(said.predictions)
-    console = Console(stderr=True)
     scores = {}
     shifts: Sequence[float] = range(0, 101, 2) if said.scale_agnostic else SHIFTS_CM
-    with Progress(console=console, disable=not console.is_terminal, transient=True) as bar:
+    with progress() as bar:
         for name, files in methods.items():
             results: Iterable[Mapping[str, Any]] = read_results(bar.track(files, description=name))
             if said.scale_agnostic:
@@ -84,9 +82,9 @@ def run(said: Namespace) -> None:
     tables = {name: table_of(score, columns) for name, score in scores.items()}
     settings = {"iou": said.iou, "poses": said.poses, "scale_agnostic": said.scale_agnostic}
     for path in _write(Path(said.out), scores, tables, settings):
-        print(f"wrote {path}", file=sys.stderr)
+        log.info("wrote %s", path)
     for name, score in scores.items():
-        Console(width=120).print(_shown(name, tables[name]))
+        table_console(120).print(_shown(name, tables[name]))
         absent = [category for category, count in zip(tables[name], score.num_truths, strict=False) if not count]
         if absent:
             print(f"{name}: no {', '.join(absent)} in the images; the published mean counts each as 0")

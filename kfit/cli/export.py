@@ -5,10 +5,11 @@ Generator, encoder and feature network each get a file, with any number of rows.
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 from jsonargparse import ArgumentParser, Namespace
+
+from kfit.cli.session import log, progress
 
 
 def parser() -> ArgumentParser:
@@ -16,7 +17,7 @@ def parser() -> ArgumentParser:
     parser = ArgumentParser(
         description="Write DIR/generator.onnx, DIR/encoder.onnx and DIR/features.onnx (the fit's feature network), "
         "which take any number of rows. kfit.generators.OnnxGenerator fits through the first; ONNX Runtime runs all.",
-        epilog="example:  kfit export mug --out mug_onnx",
+        epilog="example:\n  kfit export mug --out mug_onnx",
     )
     parser.add_argument("model", type=str, help="a bundled model's category, or a .safetensors file")
     parser.add_argument("--out", type=str, required=True, help="folder to write to", metavar="DIR")
@@ -28,5 +29,9 @@ def run(said: Namespace) -> None:
     from kfit.models import load
     from kfit.models.export import export_model
 
-    for path in export_model(load(said.model), Path(said.out)):
-        print(f"wrote {path}", file=sys.stderr)
+    model = load(said.model)
+    with progress() as bar:
+        task = bar.add_task("exporting", total=3)
+        paths = export_model(model, Path(said.out), lambda done: bar.update(task, completed=done))
+    for path in paths:
+        log.info("wrote %s", path)

@@ -14,6 +14,8 @@ from lightning.pytorch.callbacks import LearningRateMonitor
 from lightning.pytorch.cli import LightningCLI
 from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger
 
+from kfit.cli.help_page import HelpPage
+from kfit.cli.session import session
 from kfit.geometry.categories import CATEGORIES, Category
 from kfit.training import ConditionalVAE, PictureGrid
 
@@ -29,7 +31,13 @@ KNOWN: dict[str, Callable[[Category], object]] = {
 KNOWN_OF_PROCEDURAL: dict[str, Callable[[Category], object]] = {
     "generator.init_args.sides": lambda category: list(category.sides),
 }
-COMMANDS = ("fit", "validate", "test", "predict")
+COMMANDS = {
+    "fit": "kfit fit -c recipes/radiance_field.yaml --data.category mug",
+    "validate": "kfit validate -c recipes/smoke.yaml --ckpt_path last.ckpt",
+    "test": "kfit test -c recipes/smoke.yaml --ckpt_path last.ckpt",
+    "predict": "kfit predict -c recipes/fit_dataset.yaml --data.root NOCS --data.split real_test --model.out results",
+}
+"""Examples by command."""
 # What Lightning and torch say to each other, of which nobody who trains has to know.
 NEEDLESS = (r"`isinstance\(treespec, LeafSpec\)` is deprecated", r"Precision .* is not supported by the model summary")
 # Elsewhere than in training the state of training's callbacks is of no use; averaged weights are those that a
@@ -78,36 +86,31 @@ class _CLI(LightningCLI):
 def main(args: Sequence[str] | None = None) -> None:
     """Run Lightning's command line: fit, validate, test or predict, as a recipe says.
 
-    Parts are named by import path (``class_path``), so a class in a file of the working folder serves as it is. A
-    user's mistake ends in one sentence on stderr and exit status 2; the variable KFIT_DEBUG asks for the traceback.
+    Parts are named by import path (``class_path``), so a class in a file of the working folder serves as it is.
+    `kfit.cli.session.ENDINGS` tells how it ends.
 
     Args:
         args: words after the program's name; those of the process unless given.
     """
+    with session(args) as words:
+        run(words)
+
+
+def run(words: Sequence[str], callbacks: Sequence[Callback] = ()) -> None:
+    """What Lightning's command line does with these words, and with callbacks beside the recipe's."""
     # A console script does not see the working folder. Last, so that it can shadow nothing.
     if os.getcwd() not in sys.path:
         sys.path.append(os.getcwd())
-    # Lightning warns of words given twice, which `kfit fit` would be.
-    words = None if args is None or list(args) == sys.argv[1:] else list(args)
-    command = (sys.argv[1:] if words is None else words)[:1]
-    for needless in NEEDLESS + (() if command == ["fit"] else NEEDLESS_ELSEWHERE):
+    # It would be said of all words that are not the process's own to the letter.
+    warnings.filterwarnings("ignore", message="LightningCLI's args parameter")
+    for needless in NEEDLESS + (() if words[:1] == ["fit"] else NEEDLESS_ELSEWHERE):
         warnings.filterwarnings("ignore", message=needless)
     logging.getLogger("lightning.pytorch.utilities.rank_zero").addFilter(_is_no_advertisement)
-    try:
-        run(words)
-    except (ValueError, TypeError, OSError, RuntimeError, ImportError) as error:
-        if os.environ.get("KFIT_DEBUG"):
-            raise
-        print(f"kfit: {error}", file=sys.stderr)
-        raise SystemExit(2) from None
-
-
-def _is_no_advertisement(record: logging.LogRecord) -> bool:
-    return "Tip: For seamless cloud" not in record.getMessage()
-
-
-def run(words: Sequence[str] | None, callbacks: Sequence[Callback] = ()) -> None:
-    """What Lightning's command line does with these words, or the process's, and with callbacks beside the recipe's."""
+    defaults: dict[str, Any] = {"callbacks": list(callbacks)} if callbacks else {}
+    if not (log := logging.getLogger("kfit")).isEnabledFor(logging.WARNING):
+        for part in ("pytorch", "fabric"):
+            logging.getLogger(f"lightning.{part}").setLevel(log.level)
+        defaults |= {"enable_progress_bar": False, "enable_model_summary": False}
     _CLI(
         LightningModule,
         LightningDataModule,
@@ -115,9 +118,20 @@ def run(words: Sequence[str] | None, callbacks: Sequence[Callback] = ()) -> None
         subclass_mode_data=True,
         auto_configure_optimizers=False,
         seed_everything_default=0,
-        trainer_defaults={"callbacks": list(callbacks)} if callbacks else None,
+        trainer_defaults=defaults or None,
         save_config_kwargs={"overwrite": True},
         # The usage that would be listed otherwise names some eighty options before it comes to what is wrong.
-        parser_kwargs={name: {"usage": f"lightning {name} -c RECIPE [--OPTION VALUE …]"} for name in COMMANDS},
-        args=None if words is None else list(words),
+        parser_kwargs={
+            "prog": "kfit",
+            "formatter_class": HelpPage,
+            **{
+                name: {"usage": f"kfit {name} -c RECIPE [--OPTION VALUE …]", "epilog": f"example:\n  {example}"}
+                for name, example in COMMANDS.items()
+            },
+        },
+        args=list(words),
     )
+
+
+def _is_no_advertisement(record: logging.LogRecord) -> bool:
+    return "Tip: For seamless cloud" not in record.getMessage()

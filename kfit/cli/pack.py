@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from jsonargparse import ArgumentParser, Namespace
+
+from kfit.cli.session import log
 
 if TYPE_CHECKING:
     from torch import nn
@@ -16,19 +17,22 @@ def parser() -> ArgumentParser:
     """Arguments of ``kfit pack``."""
     parser = ArgumentParser(
         description="Pack a checkpoint of `lightning fit` as NAME.safetensors and NAME.json, its card.",
-        epilog="example:  kfit pack lightning_logs/version_0/checkpoints/last.ckpt --out mug.safetensors"
-        " --pose-head lightning_logs/version_1/checkpoints/last.ckpt",
+        epilog="examples:\n  kfit pack lightning_logs/version_0/checkpoints/last.ckpt --out mug.safetensors\n"
+        "  kfit pack last.ckpt --pose-head lightning_logs/version_1/checkpoints/last.ckpt --out mug.safetensors",
     )
     parser.add_argument("checkpoint", type=str, help="a .ckpt file of kfit.training.ConditionalVAE")
     parser.add_argument(
         "--pose-head",
         type=str,
         default=None,
+        metavar="FILE",
         help="a .ckpt file of kfit.training.PoseTraining, or a model's .safetensors file, whose head is taken",
     )
     parser.add_argument("--pose-weight", type=float, default=2.0, help="how much a fit heeds the pose head")
-    parser.add_argument("--out", type=str, required=True, help="file to write, ending in .safetensors")
-    parser.add_argument("--command", type=str, default=None, help="the training command, for the card")
+    parser.add_argument(
+        "--out", type=str, required=True, metavar="FILE.safetensors", help="file to write; its card lies beside it"
+    )
+    parser.add_argument("--command", type=str, default=None, metavar="WORDS", help="the training command, for the card")
     return parser
 
 
@@ -77,7 +81,7 @@ def run(said: Namespace) -> None:
         | also,
     )
     write_model(out, networks, card)
-    print(f"wrote {out} and {out.with_suffix('.json').name}", file=sys.stderr)
+    log.info("wrote %s and %s", out, out.with_suffix(".json").name)
 
 
 def _head(path: Path) -> tuple[nn.Module, dict[str, Any], str, Any]:

@@ -8,13 +8,14 @@ from __future__ import annotations
 import json
 import math
 import shlex
-import sys
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from jsonargparse import ArgumentParser, Namespace
+
+from kfit.cli.session import log
 
 if TYPE_CHECKING:
     from kfit.models import PoseResult
@@ -25,17 +26,31 @@ def parser() -> ArgumentParser:
     parser = ArgumentParser(
         description="Find the pose of an object in a photo, without a CAD model of it: writes DIR/pose.json and "
         "DIR/overlay.png and prints one line.",
-        epilog="examples:  kfit pose photo.jpg --category mug --box 120 80 300 260   |   "
-        "kfit pose photo.jpg --category mug --segmenter yolo11n-seg.onnx   |   "
-        "kfit pose cutout.png --category laptop --intrinsics 1450 1450 960 540 --json",
+        epilog="""examples:
+  kfit pose photo.jpg --category mug --box 120 80 300 260
+  kfit pose photo.jpg --category mug --segmenter yolo11n-seg.onnx
+  kfit pose cutout.png --category laptop --intrinsics 1450 1450 960 540 --json""",
     )
     parser.add_argument("photo", type=str, help="a picture file; its alpha channel, if any, tells where the object is")
-    parser.add_argument("--category", type=str, default=None, help="kind of object: a bundled model's name")
-    parser.add_argument(
-        "--model", type=str, default=None, help="a .safetensors model of your own, instead of --category"
+    thing = parser.add_argument_group("what and where the object is")
+    thing.add_argument(
+        "--category",
+        type=str,
+        default=None,
+        metavar="NAME",
+        help="kind of object, a bundled model: bottle, bowl, camera, can, laptop or mug; needed without --model",
     )
-    parser.add_argument("--mask", type=str, default=None, help="a picture of the photo's size, not 0 on the object")
-    parser.add_argument(
+    thing.add_argument(
+        "--model", type=str, default=None, metavar="FILE.safetensors", help="a model of your own, instead of --category"
+    )
+    thing.add_argument(
+        "--mask",
+        type=str,
+        default=None,
+        metavar="FILE",
+        help="a picture of the photo's size, not 0 on the object (default: the photo's alpha channel)",
+    )
+    thing.add_argument(
         "--box",
         type=float,
         nargs=4,
@@ -43,7 +58,7 @@ def parser() -> ArgumentParser:
         metavar=("X", "Y", "W", "H"),
         help="tight box around the object in pixels; GrabCut or the segmenter finds the object in it",
     )
-    parser.add_argument(
+    thing.add_argument(
         "--segmenter",
         type=str,
         default=None,
@@ -51,15 +66,16 @@ def parser() -> ArgumentParser:
         help="a network that finds the object: Mask R-CNN or YOLO-seg (without --box, the surest of the category) or "
         "IS-Net (best with --box)",
     )
-    parser.add_argument(
+    camera = parser.add_argument_group("camera")
+    camera.add_argument(
         "--intrinsics",
         type=float,
         nargs=4,
         default=None,
         metavar=("FX", "FY", "CX", "CY"),
-        help="camera in pixels; else by the photo's EXIF tags, else a 60° view is assumed",
+        help="focal lengths and centre in pixels (default: by the photo's EXIF tags, else a view of 60° is assumed)",
     )
-    parser.add_argument(
+    camera.add_argument(
         "--depth",
         type=str,
         default=None,
@@ -67,34 +83,36 @@ def parser() -> ArgumentParser:
         help="depth in the photo's pixels, a 16-bit picture of millimetres or metres in a .npy file; it fixes "
         "distance and size",
     )
-    parser.add_argument(
+    fit = parser.add_argument_group("fit")
+    fit.add_argument(
         "--fit",
         type=str,
         default=None,
         metavar="RECIPE.yaml",
-        help="fit as a recipe says, such as recipes/fit_released.yaml, instead of kfit's own way",
+        help="fit as a recipe says, such as recipes/fit_released.yaml (default: kfit's own way)",
     )
-    parser.add_argument("--device", type=str, default="cpu", help="cpu, cuda or whatever PyTorch calls it")
-    parser.add_argument(
+    fit.add_argument("--device", type=str, default="cpu", help="cpu, cuda or whatever PyTorch calls it")
+    fit.add_argument(
         "--precision",
         type=str,
         default="32",
         choices=["32", "bf16"],
         help="bf16 draws by bfloat16 convolutions, a fifth faster on a CPU that has them; poses differ by 0.1° or so",
     )
-    parser.add_argument(
+    fit.add_argument("--seed", type=int, default=0, help="decides the random numbers")
+    output = parser.add_argument_group("output")
+    output.add_argument("--out", type=str, default="kfit_out", help="folder to write to", metavar="DIR")
+    output.add_argument("--json", action="store_true", help="print the JSON instead of the line")
+    output.add_argument(
         "--report", type=str, default=None, metavar="FILE.html", help="write a page about the fit as well"
     )
-    parser.add_argument(
+    output.add_argument(
         "--animation",
         type=str,
         default=None,
         metavar="FILE.gif|FILE.mp4",
         help="write what the drawing became from step to step as well",
     )
-    parser.add_argument("--out", type=str, default="kfit_out", help="folder to write to", metavar="DIR")
-    parser.add_argument("--seed", type=int, default=0, help="decides the random numbers")
-    parser.add_argument("--json", action="store_true", help="print the JSON instead of the line")
     return parser
 
 
@@ -152,7 +170,7 @@ def run(said: Namespace) -> None:
             pipeline=pipeline,
         )
     for note in result.notes:
-        print(f"kfit: {note}", file=sys.stderr)
+        log.info("%s", note)
     overlay = write(result, Path(said.out), pages(result, said))
     print(json.dumps(result.to_dict()) if said.json else f"{describe(result)} · {overlay}")
 

@@ -118,7 +118,7 @@ def _draw(parts: ViewParts, source: str | Sequence[str | Path]) -> None:
     """Draw the parts that are missing."""
     missing, total = parts.missing(), int(parts.settings["num_objects"])
     indices = [index for part in missing for index in parts.objects(part)]
-    console = Console(stderr=True, quiet=not sys.stderr.isatty())
+    console = Console(stderr=True, quiet=not (sys.stderr.isatty() and _log.isEnabledFor(logging.WARNING)))
     title = f"Rendering {source if isinstance(source, str) else f'{len(source)} meshes'}"
     drawn = in_order(DrawnObjects(parts.settings, source, indices))
     tracked = iter(track(drawn, title, console=console, total=total, completed=total - len(indices)))

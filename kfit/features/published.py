@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import logging
 import pickle
-import sys
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -13,6 +13,8 @@ from safetensors.torch import load_file
 from torch import Tensor, nn
 
 from kfit.core.check import check_text
+
+_log = logging.getLogger(__name__)
 
 
 def fill_published(network: nn.Module, url: str, megabytes: int, weights: str | None = None) -> None:
@@ -47,7 +49,7 @@ def fill_published(network: nn.Module, url: str, megabytes: int, weights: str | 
 def _fetch(name: str, url: str, megabytes: int) -> Mapping[str, Tensor]:
     cache, file = Path(torch.hub.get_dir()) / "checkpoints", url.rsplit("/", 1)[1]
     if not (cache / file).exists():
-        print(f"kfit: fetching {name}'s weights ({megabytes} MB) from {url} to {cache}", file=sys.stderr)
+        _log.warning("fetching %s's weights (%d MB) from %s to %s", name, megabytes, url, cache)
     try:
         state: Mapping[str, Tensor] = torch.hub.load_state_dict_from_url(
             url, map_location="cpu", check_hash=True, weights_only=True

@@ -57,11 +57,17 @@ class UnseenViews:
 
 
 def unseen_views(
-    model: CategoryModel, num_views: int, seed: int = 0, photo_size: int = 256, training: bool = False
+    model: CategoryModel,
+    num_views: int,
+    seed: int = 0,
+    photo_size: int = 256,
+    training: bool = False,
+    on_view: Callable[[int], None] = lambda done: None,
 ) -> UnseenViews:
     """Draw one view each of ``num_views`` objects of seeds and of shape and texture families held out of training.
 
-    They are drawn by `views_of`. For comparison, ``training`` shows objects of training instead.
+    They are drawn by `views_of`. For comparison, ``training`` shows objects of training instead;
+    ``on_view`` is told how many are drawn.
     """
     check_count("unseen_views: num_views", num_views)
     check_count("unseen_views: seed", seed, 0)
@@ -69,11 +75,15 @@ def unseen_views(
     # Far from the seeds that training and its validation count up from 0.
     first = 0 if training else 1_000_000 + 1_000 * seed
     objects = (build(model.card.category, first + number, held_out=not training) for number in range(num_views))
-    return views_of(model, objects, seed, photo_size)
+    return views_of(model, objects, seed, photo_size, on_view)
 
 
 def views_of(
-    model: CategoryModel, objects: Iterable[tuple[Mesh, Light]], seed: int = 0, photo_size: int = 256
+    model: CategoryModel,
+    objects: Iterable[tuple[Mesh, Light]],
+    seed: int = 0,
+    photo_size: int = 256,
+    on_view: Callable[[int], None] = lambda done: None,
 ) -> UnseenViews:
     """Draw one view each of normalised objects in NOCS's frame.
 
@@ -97,6 +107,7 @@ def views_of(
         visible.append(card.category != "mug" or handle_share(view, mesh.extents) >= HANDLE_SHARE)
         photos.append(view.image)
         masks.append(view.mask)
+        on_view(number + 1)
     fields = {name: torch.cat([piece.field(name) for piece in pieces]) for name in FIELDS}
     seen = Observation(**fields, keys=tuple(range(len(pieces))))
     distance = card.distance * torch.tensor(diagonals)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-import sys
+import logging
 import warnings
 from collections import Counter
 from collections.abc import Sequence
@@ -25,6 +25,7 @@ from kfit.models.pose_result import PoseResult
 from kfit.models.results_folder import ResultsFolder
 from kfit.models.sighting import Sighting
 
+_log = logging.getLogger(__name__)
 READERS = 8
 
 
@@ -83,17 +84,14 @@ class DatasetFit(LightningModule):
         """
         data: Any = self.trainer.datamodule  # type: ignore[attr-defined]
         if not isinstance(data, FitData):
-            raise TypeError(f"data must be a kfit.models.fit_data.FitData, got {type(data).__name__}")
+            raise ValueError(f"data must be a kfit.models.fit_data.FitData, got {type(data).__name__}")
         agreed: list[str] | Exception | None = None
         if self.trainer.is_global_zero:
             try:
                 self._load(data)
                 names = data.names()
                 agreed = self.folder.left(names, self._settings | data.settings)
-                print(
-                    f"kfit: {len(agreed)} of {len(names)} images are to be fitted into {self.folder.path}",
-                    file=sys.stderr,
-                )
+                _log.info("%d of %d images are to be fitted into %s", len(agreed), len(names), self.folder.path)
             except (OSError, ValueError) as error:
                 agreed = error
         agreed = self.trainer.strategy.broadcast(agreed)
@@ -151,8 +149,8 @@ class DatasetFit(LightningModule):
         if self.counts["unreadable"]:
             parts.append(f"{self.counts['unreadable']} images cannot be used")
         count = self.trainer.world_size
-        who = f" process {self.trainer.global_rank + 1} of {count}:" if count > 1 else ""
-        print(f"kfit:{who} {'; '.join(parts)}", file=sys.stderr)
+        who = f"process {self.trainer.global_rank + 1} of {count}: " if count > 1 else ""
+        _log.info("%s%s", who, "; ".join(parts))
         # A barrier would give up after half an hour, and Lightning's launcher does not wait.
         for process in getattr(self.trainer.strategy.launcher, "procs", []):
             process.wait()

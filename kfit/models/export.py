@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import logging
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -22,18 +22,22 @@ from kfit.models.category_model import CategoryModel
 OPSET = 20  # the first with GridSample of volumes
 
 
-def export_model(model: CategoryModel, folder: Path) -> list[Path]:
+def export_model(model: CategoryModel, folder: Path, on_file: Callable[[int], None] = lambda done: None) -> list[Path]:
     """Write ``generator.onnx``, ``encoder.onnx`` and ``features.onnx``, the network of the model's own fit.
 
+    ``on_file`` is told how many are written.
     See `export_generator`, `export_encoder` and `export_features`.
     """
     paths = [folder / f"{name}.onnx" for name in ("generator", "encoder", "features")]
     export_generator(model.generator, paths[0])
+    on_file(1)
     with torch.no_grad():
         one = {name: torch.zeros(1, *variable.shape) for name, variable in model.generator.variables.items()}
         size = frozen(model.generator)(**one).image.shape[-1]
     export_encoder(model.encoder, paths[1], size)
+    on_file(2)
     export_features(EfficientNetLite0(), paths[2], size)
+    on_file(3)
     return paths
 
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 
 from kfit.models.category_model import CategoryModel
 from kfit.models.files import read_model
 
+_log = logging.getLogger(__name__)
 BUNDLED = Path(__file__).parent / "bundled"
 
 
@@ -26,5 +28,6 @@ def load(model: str | Path) -> CategoryModel:
     if not name.endswith(".safetensors"):
         if name not in bundled():
             raise ValueError(f"category {name!r} has no bundled model; those known are {', '.join(bundled())}")
-        return CategoryModel.of(*read_model(BUNDLED / f"{name}.safetensors"))
+        name = str(BUNDLED / f"{name}.safetensors")
+    _log.debug("reads the model %s", name)
     return CategoryModel.of(*read_model(Path(name)))

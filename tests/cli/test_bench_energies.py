@@ -43,7 +43,9 @@ def test_each_energy_gets_a_row_and_nothing_is_measured_twice(
     words = ["bench", "energies", "--model", str(tiny), *QUICK, "--out", str(tmp_path / "out")]
     drawn: list[int] = []
     views = accuracy_fits.unseen_views
-    monkeypatch.setattr(accuracy_fits, "unseen_views", lambda *given: (drawn.append(1), views(*given))[1])
+    monkeypatch.setattr(
+        accuracy_fits, "unseen_views", lambda *given, **also: (drawn.append(1), views(*given, **also))[1]
+    )
     main(words)
     assert drawn == [1]  # for both
     said = capsys.readouterr()

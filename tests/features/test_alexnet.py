@@ -65,7 +65,7 @@ def test_a_layer_that_does_not_exist_is_refused_with_those_that_do():
         AlexNet((), "never read")
 
 
-def test_without_a_file_torchvisions_is_fetched_and_said_so(monkeypatch, tmp_path, capsys):
+def test_without_a_file_torchvisions_is_fetched_and_said_so(monkeypatch, tmp_path, caplog):
     def load(url, **settings):
         assert url == "https://download.pytorch.org/models/alexnet-owt-7be5be79.pth"
         assert settings["check_hash"]
@@ -75,7 +75,7 @@ def test_without_a_file_torchvisions_is_fetched_and_said_so(monkeypatch, tmp_pat
     monkeypatch.setattr(torch.hub, "get_dir", lambda: str(tmp_path))
     monkeypatch.setattr(torch.hub, "load_state_dict_from_url", load)
     AlexNet()
-    assert "fetching AlexNet's weights (233 MB)" in capsys.readouterr().err
+    assert "fetching AlexNet's weights (233 MB)" in caplog.text
 
 
 def test_without_a_network_it_tells_how_to_pass_a_file(monkeypatch, tmp_path):

@@ -93,7 +93,7 @@ def test_a_file_that_is_missing_truncated_or_foreign_gets_one_sentence(tmp_path)
             VGG16(weights=str(tmp_path / name))
 
 
-def test_without_a_file_torchvisions_is_fetched_and_said_so(monkeypatch, tmp_path, capsys):
+def test_without_a_file_torchvisions_is_fetched_and_said_so(monkeypatch, tmp_path, caplog):
     asked = []
 
     def load(url, **settings):
@@ -104,7 +104,7 @@ def test_without_a_file_torchvisions_is_fetched_and_said_so(monkeypatch, tmp_pat
     monkeypatch.setattr(torch.hub, "load_state_dict_from_url", load)
     VGG19(("relu1_1",))
     assert asked == [("https://download.pytorch.org/models/vgg19-dcbb9e9d.pth", True, True)]
-    said = capsys.readouterr().err
+    said = caplog.text
     assert "548 MB" in said
     assert asked[0][0] in said
     assert str(tmp_path) in said

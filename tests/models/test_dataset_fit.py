@@ -59,7 +59,8 @@ def contents(out):
     return {path.name: path.read_bytes() for path in out.iterdir()}
 
 
-def test_each_frame_gets_a_result_that_can_be_evaluated(nocs, models, tmp_path, capsys):
+def test_each_frame_gets_a_result_that_can_be_evaluated(nocs, models, tmp_path, caplog):
+    caplog.set_level("INFO", "kfit")
     module = fit(NOCSFit(nocs, "real_test"), tmp_path / "out", models)
     files = result_files(tmp_path / "out")
     assert [path.name for path in files] == [
@@ -75,13 +76,14 @@ def test_each_frame_gets_a_result_that_can_be_evaluated(nocs, models, tmp_path, 
     assert (results[3]["pred_RTs"][:, 2, 3] > 0).all()
     assert evaluate_nocs(results).num_truths.tolist() == [0, 1, 1, 0, 0, 4]
     assert module.counts["objects"] == 5
-    said = capsys.readouterr().err
+    said = caplog.text
     assert "4 of 4 images are to be fitted" in said
     assert "5 objects in 4 images fitted into" in said
     assert "1 camera not, for there is no model" in said
 
 
-def test_a_run_goes_on_where_another_stopped_and_ends_with_the_same_results(nocs, models, tmp_path, capsys):
+def test_a_run_goes_on_where_another_stopped_and_ends_with_the_same_results(nocs, models, tmp_path, caplog):
+    caplog.set_level("INFO", "kfit")
     out = tmp_path / "out"
     fit(NOCSFit(nocs, "real_test"), out, models)
     whole = contents(out)
@@ -91,9 +93,9 @@ def test_a_run_goes_on_where_another_stopped_and_ends_with_the_same_results(nocs
     assert fit(NOCSFit(nocs, "real_test"), out, models).counts["images"] == 2
     assert contents(out) == whole
     assert (out / "results_test_scene_1_0002.pkl").stat().st_mtime_ns == kept
-    capsys.readouterr()
+    caplog.clear()
     assert fit(NOCSFit(nocs, "real_test"), out, models).counts["images"] == 0
-    assert "0 of 4 images are to be fitted" in capsys.readouterr().err
+    assert "0 of 4 images are to be fitted" in caplog.text
     assert contents(out) == whole
 
 

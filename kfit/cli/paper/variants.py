@@ -9,6 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from kfit.cli.session import log
+
 # Checkpoints are written this often, so that little is lost to an interruption.
 EPOCHS = 6
 
@@ -103,7 +105,7 @@ class Training:
             return begun
         words = self.command(name, category) + ([] if begun is None else ["--ckpt_path", str(begun)])
         folder.mkdir(parents=True, exist_ok=True)
-        print(f"training {category}, {VARIANTS[name].title}:\n  lightning {shlex.join(words)}", file=sys.stderr)
+        log.info("training %s, %s:\n  lightning %s", category, VARIANTS[name].title, shlex.join(words))
         self._run(words, folder / "training.log")
         made = self.checkpoint(name, category)
         if made is None:

@@ -1,0 +1,55 @@
+"""Print what makes a shell complete kfit's commands, options and files."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Literal
+
+from jsonargparse import ArgumentParser, Namespace
+
+from kfit.cli import info
+
+SHELLS = Literal["bash", "zsh", "fish"]
+
+
+def parser() -> ArgumentParser:
+    """Arguments of ``kfit completion``."""
+    parser = ArgumentParser(
+        description="Print a script that makes a shell complete kfit's commands, options and the files that they take. "
+        "Have your shell read it when it starts:",
+        epilog="""bash, a line of ~/.bashrc:
+  eval "$(kfit completion bash)"
+
+zsh, lines of ~/.zshrc:
+  autoload -Uz compinit && compinit
+  eval "$(kfit completion zsh)"
+
+fish, once:
+  kfit completion fish > ~/.config/fish/completions/kfit.fish
+
+example:
+  kfit completion bash""",
+    )
+    parser.add_argument("shell", type=SHELLS, help="bash, zsh or fish")
+    return parser
+
+
+def run(said: Namespace) -> None:
+    """Print the script."""
+    from kfit.cli import main
+
+    whole = main.parser()
+    for part in main.tree(whole):
+        for action in part._actions:
+            _complete_words(action)
+    print(whole.get_completion_script(f"shtab-{said.shell}"))
+
+
+def _complete_words(action: argparse.Action) -> None:
+    """Words are completed by names of files, as shells do by themselves: of folders where one is asked for."""
+    import shtab
+
+    if action.dest == "category":
+        action.choices = sorted(path.stem for path in info.BUNDLED.glob("*.safetensors"))
+    elif getattr(action, "_typehint", action.type) is str and action.choices is None:
+        action.complete = shtab.DIRECTORY if action.metavar in ("DIR", "FOLDER") else shtab.FILE  # type: ignore[attr-defined]

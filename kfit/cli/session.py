@@ -1,0 +1,132 @@
+"""What all commands do alike: ``--quiet`` and ``--verbose``, notes on stderr, progress, tables, and how they end."""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import os
+import platform
+import sys
+import time
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+from kfit import __version__
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.progress import Progress
+
+ENDINGS = """exit status:
+  0    done
+  1    something that kfit did not expect; --verbose shows where it happened
+  2    wrong use, or files that cannot be used; one sentence says which
+  130  interrupted (Ctrl-C); files are whole or not there
+  141  whoever read the output has stopped reading"""
+# What kfit says of wrong arguments and files, and what libraries say of the machine, such as that its memory is full.
+MISTAKES = (ValueError, OSError, ImportError, RuntimeError)
+log = logging.getLogger("kfit")
+
+
+def add_general_options(parser: Any) -> None:
+    """Add ``--quiet`` and ``--verbose`` to a parser of argparse's or jsonargparse's."""
+    group = parser.add_argument_group("general options")
+    # Absent unless said, so that they are no part of what a command's page says of how to repeat it.
+    settings: Any = {"action": "store_true", "default": argparse.SUPPRESS}
+    group.add_argument("-q", "--quiet", help="errors only: no progress, no notes", **settings)
+    group.add_argument("-v", "--verbose", help="also what is going on, and where an error came from", **settings)
+
+
+@contextmanager
+def session(args: Sequence[str] | None) -> Iterator[list[str]]:
+    """Heed the general options wherever they stand, give the other words, and end with the right exit status.
+
+    While it lasts the level of the logger ``kfit`` is ERROR where ``--quiet`` was said, DEBUG with ``--verbose``, else
+    INFO; what is logged goes to stderr.
+
+    Args:
+        args: words after the program's name; those of the process unless given.
+
+    Raises:
+        SystemExit: with one of `ENDINGS` unless all went well.
+    """
+    general = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+    add_general_options(general)
+    said, words = general.parse_known_args(list(sys.argv[1:] if args is None else args))
+    quiet, verbose = "quiet" in said, "verbose" in said and "quiet" not in said
+    handler, before = _Stderr(), log.level
+    handler.setFormatter(logging.Formatter("kfit: %(message)s"))
+    log.addHandler(handler)
+    log.setLevel(logging.ERROR if quiet else logging.DEBUG if verbose else logging.INFO)
+    try:
+        with _endings(verbose), warnings.catch_warnings():
+            if quiet and "verbose" in said:
+                raise ValueError("--quiet and --verbose were both given; say one of them")
+            if quiet:
+                warnings.simplefilter("ignore")
+            begun = time.perf_counter()
+            log.debug("%s, Python %s, %s: %s", __version__, platform.python_version(), platform.platform(), words)
+            try:
+                yield words
+            finally:
+                sys.stdout.flush()
+            log.debug("done in %.1f s", time.perf_counter() - begun)
+    finally:
+        log.removeHandler(handler)
+        log.setLevel(before)
+
+
+def progress() -> Progress:
+    """A bar with the time left, on stderr; nothing where that is no terminal, or under ``--quiet``."""
+    from rich.console import Console
+    from rich.progress import Progress
+
+    silent = not sys.stderr.isatty() or not log.isEnabledFor(logging.WARNING)
+    return Progress(console=Console(stderr=True), disable=silent, transient=True)
+
+
+def table_console(width: int) -> Console:
+    """Where tables are printed: as wide as the terminal, or of that width where stdout is none."""
+    from rich.console import Console
+
+    return Console(width=None if sys.stdout.isatty() else width)
+
+
+class _Stderr(logging.Handler):
+    """Writes to what `sys.stderr` is by then: while a bar is shown, a stream that writes above it."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        print(self.format(record), file=sys.stderr)
+
+
+@contextmanager
+def _endings(verbose: bool) -> Iterator[None]:
+    try:
+        yield
+    except BrokenPipeError:
+        # Python flushes once more as it ends, and would complain.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        raise SystemExit(141) from None
+    except KeyboardInterrupt:
+        log.warning("interrupted")
+        raise SystemExit(130) from None
+    except SystemExit as end:
+        # Lightning and rich turn these into an end with status 1.
+        code = {KeyboardInterrupt: 130, BrokenPipeError: 141}.get(type(end.__context__), end.code)  # type: ignore[arg-type]
+        raise SystemExit(code) from None
+    except MISTAKES as error:
+        log.error("%s", error, exc_info=verbose)
+        raise SystemExit(2) from None
+    except Exception as error:
+        advice = "" if verbose else "; the same command with --verbose shows where it happened"
+        log.error(
+            "unexpected %s: %s%s. Unless it comes from a part of your own, this is a fault of kfit's: please report it "
+            "to its authors with what --verbose shows",
+            type(error).__name__,
+            error,
+            advice,
+            exc_info=verbose,
+        )
+        raise SystemExit(1) from None

@@ -1,0 +1,103 @@
+"""What ``--help`` promises, of every command and benchmark."""
+
+import argparse
+import shlex
+
+import pytest
+
+from kfit.cli.bench import BENCHMARKS
+from kfit.cli.main import COMMANDS, TRAINING, main, parser, tree
+
+NAMES = ["", *COMMANDS, *(f"bench {name}" for name in BENCHMARKS)]
+GENERAL = {"-h", "-q", "-v", "--version"}
+
+
+def page_of(name, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main([*name.split(), "--help"])
+    assert not ended.value.code
+    return capsys.readouterr().out
+
+
+def parser_of(name):
+    found = parser()
+    for word in name.split():
+        found = found._subcommands_action.choices[word]
+    return found
+
+
+def examples_of(text):
+    return [line[2:] for line in text.splitlines() if line.startswith("  kfit ")]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_option_tells_what_it_is_without_and_every_argument_what_it_means(name, capsys):
+    actions = [one for one in parser_of(name)._actions if not isinstance(one, argparse._SubParsersAction)]
+    assert all(one.help for one in actions)
+    options = [one for one in actions if one.option_strings and not GENERAL & set(one.option_strings)]
+    text = " ".join(page_of(name, capsys).split())
+    assert text.count("(default: ") + text.count("(required)") == len(options)
+    assert "null" not in text
+    assert "type:" not in text
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_page_has_examples_on_lines_of_their_own_that_are_accepted(name, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "50")
+    examples = examples_of(page_of(name, capsys))
+    assert examples
+    assert any(example.startswith(f"kfit {name}".strip()) for example in examples)
+    for example in examples:
+        parser().parse_args(shlex.split(example.partition(" > ")[0])[1:])
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_usage_is_a_line(name, capsys):
+    usage, empty, *_ = page_of(name, capsys).splitlines()
+    assert usage.startswith(f"usage: kfit {name}".strip())
+    assert "[OPTIONS]" in usage
+    assert not empty
+
+
+def test_kfit_alone_shows_all_commands_and_exit_statuses(capsys):
+    with pytest.raises(SystemExit) as ended:
+        main([])
+    assert not ended.value.code
+    page = capsys.readouterr().out
+    for name in (*COMMANDS, *TRAINING):
+        assert f"\n    {name} " in page
+    for status in ("0", "1", "2", "130", "141"):
+        assert f"\n  {status} " in page
+
+
+def test_kfit_bench_alone_shows_all_benchmarks(capsys):
+    with pytest.raises(SystemExit):
+        main(["bench"])
+    page = capsys.readouterr().out
+    assert all(f"\n    {name} " in page for name in BENCHMARKS)
+
+
+def test_every_command_shows_the_general_options(capsys):
+    for part in tree(parser()):
+        assert {"--quiet", "--verbose"} <= set(part._option_string_actions)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ([*["pose", "--category", "mug"]], "pose.photo; `kfit pose --help` tells more"),
+        (["nonsense"], "invalid choice: 'nonsense'"),
+        ([*["bench", "accuracy", "--views", "many"]], "`kfit bench accuracy --help` tells more"),
+        ([*["bench", "nonsense"]], "`kfit bench --help` tells more"),
+        (["info", "--nonsense"], "unrecognized arguments: --nonsense; `kfit info --help` tells more"),
+    ],
+)
+def test_wrong_words_get_one_sentence_that_names_the_page(words, said, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(words)
+    assert ended.value.code == 2
+    out, err = capsys.readouterr()
+    assert not out
+    assert err.startswith("kfit: ")
+    assert said in err
+    assert len(err.splitlines()) == 1
