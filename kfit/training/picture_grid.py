@@ -14,7 +14,7 @@ from torch import Tensor
 
 class PictureGrid(Callback):
     """Writes ``pictures/epoch_NNN.png`` into the run's folder after each validation, and shows it to a logger that
-    takes pictures (TensorBoard's `add_image`).
+    takes pictures (TensorBoard's ``add_image``).
 
     A row an object: what the encoder saw, the target, its reconstruction, and views all around at 30° elevation.
 
