@@ -17,6 +17,7 @@ import warnings
 from collections.abc import Iterator
 from contextlib import redirect_stdout
 from dataclasses import dataclass
+from itertools import dropwhile, groupby
 from pathlib import Path
 
 import pytest
@@ -61,15 +62,14 @@ def name_of(page: Path) -> str:
 
 def commands_of(text: str) -> list[list[str]]:
     """Words of each command, without comments, prompts and variables set before it."""
-    lines = (line.removeprefix("$ ") for line in re.sub(r"\\\n", " ", text).splitlines())
-    parts = [part for line in lines for part in re.split(r"&&|;(?=\s)", line.partition("  #")[0])]
-    words = [shlex.split(part, comments=True) for part in parts]
-    for said in words:
-        while said and re.match(r"\w+=", said[0]):
-            said.pop(0)
-        if said and said[0] == "srun":
-            said.pop(0)
-    return [said for said in words if said]
+    found = []
+    for line in text.replace("\\\n", " ").splitlines():
+        words = shlex.split(line.removeprefix("$ "), comments=True)
+        for joined, group in groupby(words, "&&".__eq__):
+            said = list(dropwhile(lambda word: re.match(r"\w+=|srun$", word), group))
+            if said and not joined:
+                found.append(said)
+    return found
 
 
 def kfit_words(said: list[str]) -> list[str] | None:
@@ -142,7 +142,7 @@ def go_through(page: Path, place: Path, slow: bool, monkeypatch: pytest.MonkeyPa
         runs = slow or block.marker != "slow"
         if block.language == "python" and runs:
             with redirect_stdout(io.StringIO()):
-                exec(compile("\n" * block.line + block.text, where, "exec"), names)
+                exec(compile("\n" * block.line + block.text, name_of(page), "exec"), names)
         elif block.language == "yaml":
             yaml.safe_load(block.text)
         elif block.language in ("console", "sh"):
