@@ -114,8 +114,14 @@ def public(app: Sphinx, name: str, thing: type, options: Any, bases: list[type])
     bases[:] = [base for base in bases if base is not ABC] or [object]
 
 
+def with_factories(app: Sphinx, what: str, name: str, thing: Any, options: Any, words: str, back: str) -> Any:
+    """Signatures as Python would have them: a field's ``<factory>`` is no value."""
+    return (words.replace("<factory>", "..."), back) if words else None
+
+
 def setup(app: Sphinx) -> None:
     """Called by Sphinx."""
+    app.connect("autodoc-process-signature", with_factories)
     app.connect("include-read", from_root)
     app.connect("autodoc-process-docstring", in_rst)
     app.connect("autodoc-process-bases", public)
