@@ -22,8 +22,8 @@ class CoordinateRegressor(nn.Module):
     Space", section 5), for a picture of an object that is cut out already.
 
     Coordinates are the object's own, y up, in units of its box diagonal with the box's centre at 0: those of
-    `kfit.data.View.coords` for a normalised mesh, in [−1/2, 1/2], and NOCS's published ones less 1/2. Each of the three
-    is classified into ``num_bins`` even bins, which NOCS found better than regression. A U-Net: four times down by
+    `kfit.data.View` for a normalised mesh, in [−1/2, 1/2], and NOCS's published ones less 1/2. Each of the three is
+    classified into ``num_bins`` even bins, which NOCS found better than regression. A U-Net: four times down by
     stride-2 convolutions and up again beside what was seen at each size. 1.7 M parameters, 0.33 G multiply-adds a
     picture of 64 × 64.
 
@@ -96,7 +96,7 @@ class CoordinateRegressor(nn.Module):
         5). One turn is chosen for a whole object.
 
         Args:
-            logits: (N, 3, B, S, S), what `forward` gave.
+            logits: (N, 3, B, S, S), what ``forward`` gave.
             coordinates: (N, 3, S, S), the truth in box diagonals.
             mask: (N, 1, S, S), above 1/2 where it is known.
 

@@ -104,8 +104,8 @@ def render(
 
     The camera's frame is x right, y up, z towards the viewer, so what it sees has negative z. A point (x, y, z) falls
     on column ``fx·x/(−z) + cx`` and row ``−fy·y/(−z) + cy`` with pixel centres at integers. Colour and mask are means
-    over ``supersample``² samples a pixel, on white; depth is the mean over the samples that hit, and coords follow from
-    it, so that the two agree exactly.
+    over ``supersample`` by as many samples a pixel, on white; depth is the mean over the samples that hit, and coords
+    follow from it, so that the two agree exactly.
 
     Args:
         mesh: What to draw.

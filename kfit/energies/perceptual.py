@@ -27,7 +27,7 @@ class Perceptual(ResidualEnergy):
 
     Shape: pictures (N, 3, H, W) in [0, 1]; weight (N, 1, H, W); energy (N,); residuals (N, Σ_l C_l·h_l·w_l).
     Source: paper eq. for E(I, R, T, z), ‖F(I) − F(Î)‖₂; the released code takes the mean square at VGG19's
-    ``features[0..14]``, which is `VGG19` with layer "conv3_3".
+    ``features[0..14]``, which is `kfit.features.VGG19` with layer "conv3_3".
 
     Args:
         network: maps pictures to features by layer; a module that returns one tensor has one layer.

@@ -18,8 +18,8 @@ class MetricDepth(Generator):
     draws. A diagonal D at distance t spans f · D / t pixels, and scale · w where w is a unit diagonal's width in the
     same pixels at scale 1; so D = scale · t / φ with φ = f / w, and depth = t + D · d.
 
-    Adds the variables ``distance`` t (metres, above 0) and ``focal`` φ (above 0). With known intrinsics `FromDepth`
-    sets φ and a rate of 0 holds it.
+    Adds the variables ``distance`` t (metres, above 0) and ``focal`` φ (above 0). With known intrinsics
+    `kfit.initializers.FromDepth` sets φ and a rate of 0 holds it.
 
     Args:
         generator: draws depth, and has a ``scale``, as `kfit.generators.SimilarityWarp`.

@@ -81,7 +81,7 @@ class PoseHead(PoseNetwork):
         cross-entropy.
 
         Args:
-            log_probability: (N, A, E), what `forward` gave.
+            log_probability: (N, A, E), what ``forward`` gave.
             azimuth, elevation: (N,) the true pose in radians.
 
         Returns:

@@ -33,7 +33,7 @@ class RadianceField(Generator):
     T_k = exp(−Σ_{j<k} τ_j δ), w_k = T_k (1 − exp(−τ_k δ)), mask = Σ_k w_k, image = Σ_k w_k c_k + 1 − mask,
     depth = Σ_k w_k d_k / mask (Max 1995; Mildenhall et al. 2020, equation 3). Colour and density are interpolated
     before their sigmoid and softplus, which keeps edges sharp on a coarse grid (Sun et al. 2022). So far the picture
-    follows from the pose by geometry alone; `Refinement` then corrects colour and mask a little. In evaluation mode
+    follows from the pose by geometry alone; ``Refinement`` then corrects colour and mask a little. In evaluation mode
     samples that count for less than a ten-thousandth of their pixel, most of them, are skipped.
 
     Variables: ``code`` (code_dim,), ``azimuth`` and ``elevation`` (radians). 1.7 M parameters, 0.22 G multiply-adds a
@@ -46,10 +46,10 @@ class RadianceField(Generator):
         num_samples: K, depths along a ray.
         image_size: S, side of the pictures.
         distance: of the camera from the object's centre, in box diagonals.
-        unit_fraction: share of the picture's width that a unit diagonal at the centre spans. `lightning` fills it in
+        unit_fraction: share of the picture's width that a unit diagonal at the centre spans. ``lightning`` fills it in
             from the data's category.
         sides: of the box along x, y and z, in diagonals of the object; what sticks out is not drawn. The tighter, the
-            finer its cells. `lightning` fills it in from the category of procedural data.
+            finer its cells. ``lightning`` fills it in from the category of procedural data.
         refined: correct pictures in 2D. Without it pixels are drawn each by itself, so that training may draw a share
             of them (``pixel_stride``).
 

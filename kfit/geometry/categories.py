@@ -35,7 +35,7 @@ class Category:
 
     @property
     def azimuth_deg(self) -> tuple[float, float]:
-        """Range of azimuths that tell poses apart: the full circle, or one value where all are alike."""
+        """Range of azimuths that tell poses apart, the full circle, or one value where all are alike."""
         return (0.0, 0.0) if self.symmetry == "y" else (-180.0, 180.0)
 
 

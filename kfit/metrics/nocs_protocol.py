@@ -85,9 +85,9 @@ def evaluate_nocs(
 ) -> NOCSScores:
     """Score predictions as NOCS and object-deformnet do, threshold by threshold.
 
-    Predictions of a category take objects image by image, the surest first: see `match_by_iou` and `match_by_pose`. AP
-    of poses is taken over the predictions and objects that were matched at ``found_iou`` alone, so it tells nothing of
-    objects that were missed, and an error that rounding makes NaN counts as right (see `pose_errors`). Equals
+    Predictions of a category take objects image by image, the surest first: see ``match_by_iou`` and ``match_by_pose``.
+    AP of poses is taken over the predictions and objects that were matched at ``found_iou`` alone, so it tells nothing
+    of objects that were missed, and an error that rounding makes NaN counts as right (see ``pose_errors``). Equals
     compute_degree_cm_mAP with ``use_matches_for_pose=True`` (utils.py of hughw19/NOCS_CVPR2019@f882eb88), and but for
     that NaN compute_mAP (lib/utils.py of mentian/object-deformnet@cd43bb8f).
 
@@ -98,7 +98,7 @@ def evaluate_nocs(
             and any translation are added.
         ious: thresholds of overlap.
         found_iou: overlap above which a pose is judged at all.
-        iou: how boxes are compared: ``"nocs"`` as published, see `kfit.metrics.box_iou`.
+        iou: how boxes are compared: ``"nocs"`` as published, see `kfit.metrics.nocs_iou`.
         poses: key of the poses that are judged. With another than ``"pred_RTs"``, boxes still come from those: so the
             paper's released code judges its ``"pred_RTs_ours"`` on NOCS's detections.
 

@@ -217,7 +217,7 @@ class CategoryModel:
         return said.cpu()
 
     def judged(self, fit: FitResult, turn: Tensor, looks: Tensor | None) -> Verdict:
-        """What the ends of a fit's starts say of the answer of one problem; see `kfit.models.alternatives`.
+        """What the ends of a fit's starts say of the answer of one problem; see ``kfit.models.alternatives``.
 
         Args:
             fit: of one problem, on the CPU.

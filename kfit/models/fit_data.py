@@ -105,9 +105,9 @@ class FitData(LightningDataModule, ABC):
     Attributes:
         categories: of the objects that there may be.
         batch_size: images that are fitted at once in a process.
-        left: names of the results that are to be made, the same in all processes; `DatasetFit` sets it.
-        look: cuts the objects out; `DatasetFit` sets it.
-        num_workers: processes that read images and cut objects out; `DatasetFit` sets it.
+        left: names of the results that are to be made, the same in all processes; ``DatasetFit`` sets it.
+        look: cuts the objects out; ``DatasetFit`` sets it.
+        num_workers: processes that read images and cut objects out; ``DatasetFit`` sets it.
     """
 
     categories: Collection[str]

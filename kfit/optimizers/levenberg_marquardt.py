@@ -23,7 +23,7 @@ class LevenbergMarquardt(Optimizer):
     energy of a row never rises while the weights stay.
 
     J, which only shapes the step, is taken by forward differences, one picture for each of the P numbers of a row:
-    `grid_sample` has no forward-mode derivative, and two backward passes for each cost several times as much. The
+    ``grid_sample`` has no forward-mode derivative, and two backward passes for each cost several times as much. The
     slope Jᵀr, which decides where the fit ends, is half the exact gradient. A step draws 2 + P + trials pictures a row.
 
     Args:

@@ -20,13 +20,13 @@ class CoordinateTraining(Training):
     """Shows a regressor views of many objects, each with the object coordinates that its pixels see.
 
     L = mean_n of `kfit.baselines.CoordinateRegressor.divergence`. Batches are those of `kfit.data.ViewsDataModule` with
-    depth; their targets are shown, whose coordinates follow from depth, pose and camera, see `coordinates_of`.
+    depth; their targets are shown, whose coordinates follow from depth, pose and camera, see ``coordinates_of``.
 
     Args:
         regressor: learns.
         rate: largest learning rate of AdamW; it rises over the first twentieth of the steps and falls as a cosine.
         weight_decay: of AdamW.
-        unit_fraction: of the views' camera: the share of the width that a unit diagonal spans; `lightning` sets the
+        unit_fraction: of the views' camera: the share of the width that a unit diagonal spans; ``lightning`` sets the
             category's.
         distance: of the views' camera, in box diagonals.
         jitter: how views are turned, shifted and scaled, and their coordinates with them; None shows them as they are.

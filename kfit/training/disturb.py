@@ -20,9 +20,9 @@ class Disturb:
     even in [0, ``shift``].
 
     Args:
-        occlusion: largest share of the object that is hidden, see `occluded`.
-        brightness: largest change of the factor of brightness, see `brightened`.
-        shift: largest shift as a share of the picture's width, see `shifted`.
+        occlusion: largest share of the object that is hidden, see ``occluded``.
+        brightness: largest change of the factor of brightness, see ``brightened``.
+        shift: largest shift as a share of the picture's width, see ``shifted``.
 
     Raises:
         ValueError: for ranges outside [0, 1].

@@ -23,8 +23,8 @@ class PictureGrid(Callback):
     """Shows a grid of pictures to the run's loggers after each validation, as ``pictures``.
 
     A row an object: what the encoder saw, the target, its reconstruction, and views all around at 30° elevation.
-    TensorBoard, Weights & Biases, MLflow and Comet take pictures, and so does any logger that has `log_image` as the
-    second or whose ``experiment`` has `add_image` as the first. Where no logger does, the grid becomes
+    TensorBoard, Weights & Biases, MLflow and Comet take pictures, and so does any logger that has ``log_image`` as the
+    second or whose ``experiment`` has ``add_image`` as the first. Where no logger does, the grid becomes
     ``pictures/epoch_NNN.png`` in the run's folder.
 
     Args:

@@ -1,0 +1,127 @@
+"""Sphinx's settings: `python -m sphinx -b html -W --keep-going -n docs docs/_build` makes the pages."""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+from abc import ABC
+from pathlib import Path
+from typing import Any
+
+os.environ["COLUMNS"] = "100"  # of the commands' own help
+sys.path.insert(0, str(Path(__file__).parent))
+
+from sphinx.application import Sphinx
+
+from kfit import __version__
+
+project = "kfit"
+author = "The kfit authors"
+copyright = "The kfit authors, Apache-2.0"
+version = release = __version__
+
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "sphinx.ext.napoleon",
+    "sphinx_copybutton",
+    "command_help",
+]
+exclude_patterns = ["_build", "_templates"]
+templates_path = ["_templates"]
+myst_enable_extensions = ["colon_fence"]
+myst_heading_anchors = 3
+suppress_warnings = ["myst.header"]  # results begin with what a section is about, and not with its level
+
+# Docstrings name what they speak of in single backticks, as `kfit.FitPipeline`.
+default_role = "py:obj"
+autodoc_default_options = {
+    "members": True,
+    "show-inheritance": True,
+    "member-order": "bysource",
+    "exclude-members": "loss",  # Kornia's functions, which robust energies rest on
+}
+autodoc_inherit_docstrings = False  # a contract is told once, in kfit.core
+autodoc_typehints_format = "short"
+autodoc_preserve_defaults = True
+add_module_names = False
+python_maximum_signature_line_length = 88
+napoleon_numpy_docstring = False
+napoleon_use_rtype = False
+# As lists, in which several names may share a line.
+napoleon_use_param = False
+napoleon_custom_sections = [("Attributes", "params_style")]
+autosummary_ignore_module_all = False
+# Names of other projects, whose pages are not at hand where there is no network, and of kfit's own inner types.
+nitpick_ignore_regex = [
+    ("py:.*", r"(torch|numpy|np|lightning|jsonargparse|pathlib|collections|contextlib)\..*"),
+    ("py:class", r"kfit\.core\.frozen\.Module"),
+    ("py:class", r"kfit\.models\.(alternatives\.Verdict|calibration\.Calibration|sighting\.Sighting)"),
+    ("py:class", r"kfit\.(data\.nocs_models\.NOCSModel|training\.training\.Training)"),
+]
+# Constants have no docstrings that could be found where they are offered.
+CONSTANTS = {
+    "kfit.__version__": "Version of the package.",
+    "kfit.core.Variables": "Tensors by the names of variables, ``dict[str, Tensor]``.",
+    "kfit.data.CATEGORIES": "Names of the categories, in the order of NOCS's class ids 1 to 6.",
+    "kfit.geometry.CATEGORIES": "What is known of each category, `Category` by name.",
+    "kfit.geometry.EDGES": "Pairs of corners of `box_corners` that edges of the box join.",
+    "kfit.geometry.Symmetry": 'Of an object: ``"none"``, or ``"y"`` where it looks the same turned about its y axis.',
+    "kfit.geometry.UNIT_FRACTION": "Share of a drawing's width that a unit diagonal spans at scale 1.",
+    "kfit.segmentation.Box": "Left, top, width and height in pixels, four numbers.",
+}
+autosummary_context = {"constants": CONSTANTS}
+
+html_theme = "furo"
+html_title = f"kfit {__version__}"
+html_static_path = ["_static"]
+html_css_files = ["pages.css"]
+copybutton_prompt_text = r"\$ "
+copybutton_prompt_is_regexp = True
+
+
+def from_root(app: Sphinx, path: Path, docname: str, text: list[str]) -> None:
+    """The README's links start at the repository's root, a level above the page that includes it.
+
+    Links to folders stay text, as a page cannot show a folder.
+    """
+    root = Path(app.srcdir).parent
+
+    def moved(found: re.Match[str]) -> str:
+        return found[1] if (root / found[2]).is_dir() else f"[{found[1]}](../{found[2]})"
+
+    text[0] = re.sub(r"\[([^\]]*)\]\((?!https?:|#)([^)]*)\)", moved, text[0])
+
+
+def in_rst(app: Sphinx, what: str, name: str, thing: Any, options: Any, lines: list[str]) -> None:
+    """Docstrings as docutils wants them: bars of |x| are no substitutions, words of a command no names."""
+
+    def plain(found: re.Match[str]) -> str:
+        return found[1] or (f"`{found[2]}`" if found[2] else r"\|")
+
+    if name in CONSTANTS:
+        lines[:] = [CONSTANTS[name]]
+    lines[:] = [re.sub(r"(``.*?``)|(`\w+ [^`]*`)|\|", plain, line) for line in lines]
+
+
+def public(app: Sphinx, name: str, thing: type, options: Any, bases: list[type]) -> None:
+    """Bases that a reader may know: instead of private ones, theirs."""
+    while hidden := [base for base in bases if base.__name__.startswith("_")]:
+        at = bases.index(hidden[0])
+        bases[at : at + 1] = hidden[0].__bases__
+    bases[:] = [base for base in bases if base is not ABC] or [object]
+
+
+def with_factories(app: Sphinx, what: str, name: str, thing: Any, options: Any, words: str, back: str) -> Any:
+    """Signatures as Python would have them: a field's ``<factory>`` is no value."""
+    return (words.replace("<factory>", "..."), back) if words else None
+
+
+def setup(app: Sphinx) -> None:
+    """Called by Sphinx."""
+    app.connect("autodoc-process-signature", with_factories)
+    app.connect("include-read", from_root)
+    app.connect("autodoc-process-docstring", in_rst)
+    app.connect("autodoc-process-bases", public)
