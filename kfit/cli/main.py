@@ -1,4 +1,4 @@
-"""The command line: ``kfit pose``, ``evaluate``, ``pack``, ``calibrate``, ``export``, ``bench`` and Lightning's own."""
+"""The command line: ``kfit pose``, ``video``, ``evaluate`` and the other commands, and Lightning's own."""
 
 from __future__ import annotations
 
@@ -9,11 +9,12 @@ from collections.abc import Sequence
 from jsonargparse import ArgumentParser, Namespace
 
 from kfit import __version__
-from kfit.cli import bench, calibrate, evaluate, export, pack, pose
+from kfit.cli import bench, calibrate, evaluate, export, pack, pose, video
 
 TRAINING = ("fit", "validate", "test", "predict")
 COMMANDS = {
     "pose": pose,
+    "video": video,
     "evaluate": evaluate,
     "pack": pack,
     "calibrate": calibrate,
