@@ -119,6 +119,10 @@ class Video:
         self.num_frames = self.num_found = self.num_anew = 0
         self.seconds = 0.0
         self.masks = None if said.masks is None else pictures(Path(said.masks))
+        if self.masks is not None and Path(said.frames).is_dir() and len(self.masks) != frames.count:
+            raise ValueError(
+                f"--masks: {said.masks} holds {len(self.masks)} masks, {said.frames} {frames.count} frames"
+            )
 
     def write(self, overlay: Path, poses: Path) -> None:
         """Write the video and the poses, frame by frame."""
@@ -167,10 +171,6 @@ class Video:
             else:
                 given = mask_from_alpha(frame.photo.alpha) if mask is None else mask
                 yield frame, follower(frame.photo, given)
-        if self.masks is not None and len(self.masks) > self.num_frames:
-            raise ValueError(
-                f"--masks: {self.said.masks} holds {len(self.masks)} masks, {self.said.frames} {self.num_frames} frames"
-            )
 
     def mask(self, number: int, frame: Frame) -> NDArray[np.float32] | None:
         """What a file says of where the object is in a frame."""
@@ -178,10 +178,10 @@ class Video:
 
         shape = frame.photo.image.shape[:2]
         if self.masks is not None:
+            # Clips say but roughly how many frames they have.
             if number >= len(self.masks):
-                raise ValueError(
-                    f"--masks: {self.said.masks} holds {len(self.masks)} masks, fewer than there are frames"
-                )
+                held = f"{self.said.masks} holds {number} masks"
+                raise ValueError(f"--masks: {held}, and {self.said.frames} has more frames")
             return mask_from_file(self.masks[number], shape, may_be_empty=number > 0)
         return mask_from_file(self.said.mask, shape) if self.said.mask is not None and number == 0 else None
 

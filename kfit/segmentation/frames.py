@@ -117,9 +117,8 @@ class Clip(Frames):
             self._read, self._next = self._capture.read()
         self._capture.release()
         if self.count is not None and num < WHOLE * self.count:
-            self.note = (
-                f"{self.path} ends after {num} of the {self.count} frames that it announces: it is damaged or cut short"
-            )
+            told = f"{num} of the {self.count} frames that it announces could be read"
+            self.note = f"{self.path} is damaged or cut short: {told}"
 
 
 def changed(frame: str, size: tuple[int, int], first: tuple[int, int]) -> str:
