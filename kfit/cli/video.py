@@ -120,9 +120,7 @@ class Video:
         self.seconds = 0.0
         self.masks = None if said.masks is None else pictures(Path(said.masks))
         if self.masks is not None and Path(said.frames).is_dir() and len(self.masks) != frames.count:
-            raise ValueError(
-                f"--masks: {said.masks} holds {len(self.masks)} masks, {said.frames} {frames.count} frames"
-            )
+            raise ValueError(f"--masks: {said.masks} holds {len(self.masks)} masks for {frames.count} frames")
 
     def write(self, overlay: Path, poses: Path) -> None:
         """Write the video and the poses, frame by frame."""

@@ -109,7 +109,7 @@ def test_a_users_mistake_gets_one_sentence_and_writes_nothing(
     assert "say what the object is" in refused([clip, *out], capsys)
     assert "--mask and --masks were both given" in refused([clip, "--mask", "m", "--masks", masks, *laptop], capsys)
     assert "there is no clip or folder none.mp4" in refused(["none.mp4", *laptop], capsys)
-    assert "holds 1 masks, " in refused([str(videos / "frames"), "--masks", few, *laptop], capsys)
+    assert "holds 1 masks for 4 frames" in refused([str(videos / "frames"), "--masks", few, *laptop], capsys)
     assert "--model must name a .safetensors file" in refused([clip, "--model", "model.pt", *out], capsys)
     assert not (tmp_path / "out").exists()
     assert "has more frames" in refused([clip, "--masks", few, *laptop, *CAMERA], capsys)
