@@ -1,4 +1,4 @@
-"""The command line: ``kfit pose``, ``evaluate``, ``pack``, ``calibrate``, ``export``, ``bench`` and Lightning's own."""
+"""The command line: ``kfit pose``, ``video``, ``evaluate`` and the other commands, and Lightning's own."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from jsonargparse import ArgumentError, ArgumentParser, Namespace
 
 from kfit import __version__
-from kfit.cli import bench, calibrate, completion, evaluate, export, info, pack, pose
+from kfit.cli import bench, calibrate, completion, evaluate, export, info, pack, pose, video
 from kfit.cli.help_page import HelpPage
 from kfit.cli.session import ENDINGS, add_general_options, session
 
@@ -19,6 +19,7 @@ TRAINING = {
 }
 COMMANDS = {
     "pose": pose,
+    "video": video,
     "evaluate": evaluate,
     "pack": pack,
     "calibrate": calibrate,

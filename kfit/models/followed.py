@@ -25,6 +25,7 @@ class Followed:
         mask: (H, W) that was used.
         crop: the square that was compared.
         drawing: (S, S, 3), the picture that explains it.
+        silhouette: (S, S) in [0, 1], above 1/2 where the drawing shows the object.
     """
 
     rotation: NDArray[np.float64]
@@ -37,3 +38,9 @@ class Followed:
     mask: NDArray[np.float32] = field(repr=False)
     crop: Crop = field(repr=False)
     drawing: NDArray[np.float32] = field(repr=False)
+    silhouette: NDArray[np.float32] = field(repr=False)
+
+    @property
+    def found(self) -> bool:
+        """Whether the object was seen; else the pose is the one where it was last."""
+        return self.overlap > 0

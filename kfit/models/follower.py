@@ -101,7 +101,7 @@ class Follower:
 
         Args:
             frame: as large as the ones before.
-            mask: (H, W), above 0 on the object; else it is found.
+            mask: (H, W), above 0 on the object, empty where it is not to be seen; else it is found.
 
         Returns:
             Where it is; where nothing stands out, where it was, with no overlap.
@@ -114,6 +114,8 @@ class Follower:
         pixels = frame.image if isinstance(frame, Photo) else as_photo(frame)
         if pixels.shape[:2] != self.last.mask.shape:
             raise ValueError(f"frame must be as large as the first, {self.last.mask.shape}, got {pixels.shape[:2]}")
+        if mask is not None and not np.any(np.asarray(mask) > 0):
+            return self._unseen()
         if mask is not None:
             found = choose_mask(pixels, mask, None, None, None, self.model.card.category, [])
         else:
@@ -198,6 +200,7 @@ class Follower:
             mask,
             self.crop,
             picture.image[0].movedim(0, -1).numpy(),
+            self.silhouette.numpy(),
         )
 
     def _nearby(self, pixels: NDArray[np.float32]) -> NDArray[np.float32] | None:
@@ -218,7 +221,11 @@ class Follower:
         try:
             self._start(self.model.pose(pixels, box=box, intrinsics=self.camera, seed=self.seed))
         except ValueError:  # nothing stands out there; perhaps it will in the next
-            self.last = replace(self.last, overlap=0.0, anew=False)
+            return self._unseen()
+        return self.last
+
+    def _unseen(self) -> Followed:
+        self.last = replace(self.last, overlap=0.0, anew=False)
         return self.last
 
 

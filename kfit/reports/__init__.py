@@ -1,5 +1,6 @@
 """Pictures of results."""
 
-from kfit.reports.overlay import draw_overlay
+from kfit.reports.overlay import draw_frame, draw_overlay
+from kfit.reports.video_file import VideoFile
 
-__all__ = ["draw_overlay"]
+__all__ = ["VideoFile", "draw_frame", "draw_overlay"]

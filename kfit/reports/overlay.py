@@ -10,7 +10,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from kfit.geometry import EDGES, box_corners, project
+from kfit.geometry import EDGES, Crop, box_corners, project
 
 Picture = NDArray[np.uint8]
 Colour = tuple[int, int, int]
@@ -19,6 +19,8 @@ Colour = tuple[int, int, int]
 LARGEST, SMALLEST = 1280, 480
 BOX, OUTLINE, INK, PAPER = (255, 176, 0), (255, 255, 255), (30, 30, 30), (255, 255, 255)
 AXES = (("x", (230, 40, 40)), ("y", (30, 170, 60)), ("z", (40, 90, 240)))
+# Of a video's frame: encoding 640 pixels takes about as long as following.
+LARGEST_FRAME = 640
 # Height of a line of OpenCV's lettering at font scale 1.
 LINE = 30.0
 # OpenCV draws at sixteenths of a pixel when told to.
@@ -80,6 +82,42 @@ def draw_overlay(
             _write(panels[-1], label, thick)
     shown = _beside(photo, panels)
     return shown if caption is None else np.concatenate((shown, _strip(caption, shown.shape[1], thick)))
+
+
+def draw_frame(
+    image: Any,
+    caption: str,
+    pose: tuple[Any, Any, Any, Any] | None = None,
+    outline: tuple[NDArray[np.float32], Crop] | None = None,
+) -> Picture:
+    """Draw a pose on its frame of a video.
+
+    The frame is shown 480 to 640 pixels long, with sides of even numbers, as videos need them.
+
+    Args:
+        image: (H, W, 3) array or tensor, RGB in [0, 1].
+        caption: a few words for the upper left corner.
+        pose: rotation, translation, size and intrinsics, arrays or tensors as `draw_overlay` takes them.
+        outline: silhouette (S, S) of the drawing, above 1/2 on the object, in the pixels of the crop beside it.
+
+    Returns:
+        (height, width, 3) RGB bytes.
+    """
+    frame = _bytes(torch.as_tensor(image))
+    height, width = frame.shape[:2]
+    factor = min(max(SMALLEST, height, width), LARGEST_FRAME) / max(height, width)
+    shown = _resized(frame, 2 * max(1, round(factor * width / 2)), 2 * max(1, round(factor * height / 2)))
+    across, down, thick = shown.shape[1] / width, shown.shape[0] / height, max(1.0, max(shown.shape[:2]) / 400)
+    move = torch.tensor([[across, 0, across / 2 - 0.5], [0, down, down / 2 - 0.5], [0, 0, 1]], dtype=torch.float64)
+    if outline is not None:
+        silhouette, crop = outline
+        to_shown = (move @ crop.crop_to_image).numpy()[:2]
+        _draw_outline(shown, cv2.warpAffine(silhouette, to_shown, (shown.shape[1], shown.shape[0])), thick)
+    if pose is not None:
+        rotation, translation, size, intrinsics = (torch.as_tensor(part).double() for part in pose)
+        _draw_pose(shown, rotation, translation, size, move @ intrinsics, thick)
+    _write(shown, caption, thick)
+    return shown
 
 
 def _draw_pose(

@@ -1,6 +1,7 @@
 """Where the object is: photos and masks from files, and masks found by networks, by GrabCut or told by others."""
 
 from kfit.segmentation.detections import Detections, Detector
+from kfit.segmentation.frames import Frame, Frames, pictures
 from kfit.segmentation.grabcut import GrabCut, mask_from_box
 from kfit.segmentation.load_segmenter import load_segmenter
 from kfit.segmentation.mask_rcnn import MaskRCNN
@@ -16,6 +17,8 @@ __all__ = [
     "Box",
     "Detections",
     "Detector",
+    "Frame",
+    "Frames",
     "GrabCut",
     "MaskRCNN",
     "OnnxNetwork",
@@ -32,5 +35,6 @@ __all__ = [
     "mask_in_photo",
     "mask_near",
     "nocs_detections",
+    "pictures",
     "read_photo",
 ]

@@ -59,18 +59,19 @@ def read_photo(path: str | Path) -> Photo:
     return Photo(image, alpha, intrinsics_from_exif(tags, width, height))
 
 
-def mask_from_file(path: str | Path, shape: tuple[int, int]) -> NDArray[np.float32]:
+def mask_from_file(path: str | Path, shape: tuple[int, int], may_be_empty: bool = False) -> NDArray[np.float32]:
     """Read a mask: whatever is not 0 (in a palette, not entry 0) is object; in a JPEG, what is above 127.
 
     Args:
         shape: (H, W) of the photo that it belongs to.
+        may_be_empty: the object need not be in the photo.
 
     Returns:
         (H, W), 1 on the object and 0 elsewhere.
 
     Raises:
         FileNotFoundError: if there is no such file.
-        ValueError: if it is no image, its size is not the photo's, or it is empty.
+        ValueError: if it is no image, its size is not the photo's, or it is empty and may not be.
     """
     picture, _ = _open(path)
     if (picture.height, picture.width) != tuple(shape):
@@ -83,7 +84,7 @@ def mask_from_file(path: str | Path, shape: tuple[int, int]) -> NDArray[np.float
     # JPEG blurs zeros into small numbers.
     there = values > (127 if picture.format == "JPEG" else 0)
     mask = np.asarray(np.atleast_3d(there).any(2), np.float32)
-    if not mask.any():
+    if not (may_be_empty or mask.any()):
         raise ValueError(f"mask {path} is empty: all of its pixels are 0")
     return mask
 

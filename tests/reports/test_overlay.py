@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 import torch
 
-from kfit.geometry import box_corners, intrinsics_from_fov, project, rotation_from_angles, to_opencv
-from kfit.reports.overlay import AXES, BOX, draw_overlay
+from kfit.geometry import Crop, box_corners, intrinsics_from_fov, project, rotation_from_angles, to_opencv
+from kfit.reports.overlay import AXES, BOX, draw_frame, draw_overlay
 
 SIZE = torch.tensor([0.10, 0.07, 0.08])
 ROTATION = to_opencv(rotation_from_angles(torch.tensor(0.6), torch.tensor(0.5), torch.tensor(0.1)))
@@ -76,3 +76,32 @@ def test_the_arguments_are_left_as_they_were() -> None:
 def test_a_box_that_reaches_behind_the_camera_is_refused() -> None:
     with pytest.raises(ValueError, match="in front of the camera"):
         draw_overlay(torch.ones(60, 80, 3), ROTATION, torch.zeros(3), SIZE, intrinsics_from_fov(80, 60))
+
+
+@pytest.mark.parametrize(
+    ("width", "height", "shown_as"), [(641, 479, (478, 640)), (1920, 1080, (360, 640)), (99, 77, (374, 480))]
+)
+def test_a_frame_has_even_sides_and_the_box_where_it_projects(width, height, shown_as) -> None:
+    image, camera = np.full((height, width, 3), 0.25, np.float32), intrinsics_from_fov(width, height)
+    drawn = draw_frame(image, "mug", (ROTATION, TRANSLATION, SIZE, camera))
+    assert drawn.shape == (*shown_as, 3)
+    factor = np.array(shown_as)[::-1] / (width, height)
+    places = (project(box_corners(ROTATION, TRANSLATION, SIZE), camera).numpy() + 0.5) * factor - 0.5
+    assert sum(is_near(drawn, x, y, BOX) for x, y in places) == 7
+
+
+def test_a_frame_shows_the_drawings_outline_where_its_crop_lies() -> None:
+    silhouette = np.zeros((64, 64), np.float32)
+    silhouette[16:48, 16:48] = 1
+    # An eighth of the crop's side is 16 pixels of the photo, twice as many as are shown.
+    shown = draw_frame(np.zeros((960, 1280, 3)), "mug", outline=(silhouette, Crop((900.0, 500.0), 128.0)))
+    assert shown[250, 450 - 16 - 1 : 450 - 16 + 2].max() > 200
+    assert shown[250 - 16 - 1 : 250 - 16 + 2, 450].max() > 200
+    assert shown[240:260, 440:460].max() == 0
+    assert shown[100:, 480:].max() == 0
+
+
+def test_a_frame_without_an_answer_has_its_caption_alone() -> None:
+    drawn = draw_frame(np.zeros((480, 640, 3)), "not found")
+    assert drawn[:20, :60].max() == 255
+    assert drawn[60:].max() == 0

@@ -1,0 +1,253 @@
+"""Follow an object through a video.
+
+Writes poses.json and overlay.webm, and prints one line.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TextIO
+
+from jsonargparse import ArgumentParser, Namespace
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from kfit.models import CategoryModel, Followed, PoseResult
+    from kfit.reports import VideoFile
+    from kfit.segmentation import Frame, Frames
+
+
+def parser() -> ArgumentParser:
+    """Arguments of ``kfit video``."""
+    parser = ArgumentParser(
+        description="Follow one object through a video, each frame from the last one's pose, which is much faster than "
+        "fitting frames one by one: writes DIR/poses.json, a pose for each frame, and DIR/overlay.webm, a video that "
+        "shows them, and prints one line.",
+        epilog="examples:  kfit video clip.mp4 --category mug --box 120 80 300 260   |   "
+        "kfit video frames/ --category mug --masks masks/",
+    )
+    parser.add_argument("frames", type=str, help="a video file, or a folder of pictures, by the numbers in their names")
+    parser.add_argument("--category", type=str, default=None, help="kind of object: a bundled model's name")
+    parser.add_argument(
+        "--model", type=str, default=None, help="a .safetensors model of your own, instead of --category"
+    )
+    parser.add_argument(
+        "--mask", type=str, default=None, help="a picture of the first frame's size, not 0 on the object"
+    )
+    parser.add_argument(
+        "--masks",
+        type=str,
+        default=None,
+        metavar="FOLDER",
+        help="such pictures of all frames, by the numbers in their names; all 0 where the object is not to be seen",
+    )
+    parser.add_argument(
+        "--box",
+        type=float,
+        nargs=4,
+        default=None,
+        metavar=("X", "Y", "W", "H"),
+        help="tight box around the object in the first frame, in pixels",
+    )
+    parser.add_argument(
+        "--segmenter",
+        type=str,
+        default=None,
+        metavar="FILE.onnx",
+        help="a network that finds the object in the first frame, as for kfit pose",
+    )
+    parser.add_argument(
+        "--intrinsics",
+        type=float,
+        nargs=4,
+        default=None,
+        metavar=("FX", "FY", "CX", "CY"),
+        help="camera in pixels; else by the first frame's EXIF tags, else a 60° view is assumed",
+    )
+    parser.add_argument("--out", type=str, default="kfit_out", help="folder to write to", metavar="DIR")
+    parser.add_argument("--seed", type=int, default=0, help="decides the random numbers")
+    return parser
+
+
+def run(said: Namespace) -> None:
+    """Follow, write the two files, and print."""
+    if (said.category is None) == (said.model is None):
+        raise ValueError("say what the object is: either --category NAME or --model FILE.safetensors")
+    if said.model is not None and not said.model.endswith(".safetensors"):
+        raise ValueError(f"--model must name a .safetensors file, got {said.model}")
+    told = [name for name in ("mask", "masks", "box", "segmenter") if said[name] is not None]
+    if len(told) > 1 and told != ["box", "segmenter"]:
+        raise ValueError(f"--{told[0]} and --{told[1]} were both given; the object is told by one of them")
+    from kfit.core.whole_files import write_whole
+    from kfit.models import load
+    from kfit.segmentation import Frames
+
+    frames = Frames.of(said.frames)
+    video = Video(load(said.model or said.category), frames, said)
+    # Both files grow from frame to frame; what writes the first writes the second beside it.
+    files = {"overlay.webm": lambda path: video.write(path, path.with_name("poses.json")), "poses.json": lambda _: None}
+    overlay, _ = write_whole(Path(said.out), files)
+    if frames.note:
+        print(f"kfit: {frames.note}", file=sys.stderr)
+    print(f"{video.described()} · {overlay}")
+
+
+class Video:
+    """An object on its way through a video.
+
+    Args:
+        model: with a pose head.
+        frames: in which it is looked for.
+        said: what the user said of it.
+
+    Attributes:
+        num_frames, num_found, num_anew: that were gone through; in which it was found; and of these found anew, but
+            the first.
+    """
+
+    def __init__(self, model: CategoryModel, frames: Frames, said: Namespace) -> None:
+        from kfit.segmentation import pictures
+
+        self.model, self.frames, self.said = model, frames, said
+        self.num_frames = self.num_found = self.num_anew = 0
+        self.seconds = 0.0
+        self.masks = None if said.masks is None else pictures(Path(said.masks))
+        if self.masks is not None and Path(said.frames).is_dir() and len(self.masks) != frames.count:
+            raise ValueError(f"--masks: {said.masks} holds {len(self.masks)} masks for {frames.count} frames")
+
+    def write(self, overlay: Path, poses: Path) -> None:
+        """Write the video and the poses, frame by frame."""
+        from concurrent.futures import Future, ThreadPoolExecutor
+
+        from kfit.reports import VideoFile
+
+        begun = time.perf_counter()
+        with (
+            poses.open("w") as file,
+            VideoFile(overlay, self.frames.rate) as video,
+            # A frame is drawn and encoded while the next is followed.
+            ThreadPoolExecutor(1) as beside,
+            progress(self.frames.count) as advance,
+        ):
+            shown: Future[None] | None = None
+            for frame, answer in self.followed(file):
+                file.write(f"{',' if self.num_frames else ''}\n  {json.dumps(entry(self.num_frames, frame, answer))}")
+                if shown is not None:
+                    shown.result()
+                shown = beside.submit(self.show, video, frame, answer, self.num_frames)
+                self.num_found += answer.found
+                self.num_anew += answer.anew and self.num_frames > 0
+                self.num_frames += 1
+                advance()
+            if shown is not None:
+                shown.result()
+            file.write("\n]}\n")
+        self.seconds = time.perf_counter() - begun
+
+    def followed(self, file: TextIO) -> Iterator[tuple[Frame, Followed]]:
+        """The frames and what is found in them; what the first tells of all is written before."""
+        from kfit.models import Follower
+        from kfit.segmentation import mask_from_alpha
+
+        follower: Follower | None = None
+        for number, frame in enumerate(self.frames):
+            mask = self.mask(number, frame)
+            if follower is None:
+                result = self.first(frame, mask)
+                for note in result.notes:
+                    print(f"kfit: {note}", file=sys.stderr)
+                file.write(json.dumps(header(result))[:-1] + ', "frames": [')
+                follower = Follower(self.model, result, self.said.seed)
+                yield frame, follower.last
+            else:
+                given = mask_from_alpha(frame.photo.alpha) if mask is None else mask
+                yield frame, follower(frame.photo, given)
+
+    def mask(self, number: int, frame: Frame) -> NDArray[np.float32] | None:
+        """What a file says of where the object is in a frame."""
+        from kfit.segmentation import mask_from_file
+
+        shape = frame.photo.image.shape[:2]
+        if self.masks is not None:
+            # Clips say but roughly how many frames they have.
+            if number >= len(self.masks):
+                held = f"{self.said.masks} holds {number} masks"
+                raise ValueError(f"--masks: {held}, and {self.said.frames} has more frames")
+            return mask_from_file(self.masks[number], shape, may_be_empty=number > 0)
+        return mask_from_file(self.said.mask, shape) if self.said.mask is not None and number == 0 else None
+
+    def first(self, frame: Frame, mask: NDArray[np.float32] | None) -> PoseResult:
+        """The answer to the first frame."""
+        import numpy as np
+
+        camera, said = None, self.said
+        if said.intrinsics is not None:
+            fx, fy, cx, cy = said.intrinsics
+            camera = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+        box = None if said.box is None else tuple(said.box)
+        return self.model.pose(frame.photo, mask, box, camera, segmenter=said.segmenter, seed=said.seed)
+
+    def show(self, video: VideoFile, frame: Frame, answer: Followed, number: int) -> None:
+        """Add a frame to the video."""
+        from kfit.reports import draw_frame
+
+        words = [self.model.card.category, f"frame {number}"]
+        words.append(f"{100 * answer.translation[2]:.0f} cm away" if answer.found else "not found")
+        words += ["found anew"] if answer.anew and number > 0 else []
+        pose = (answer.rotation, answer.translation, answer.size, answer.intrinsics) if answer.found else None
+        outline = (answer.silhouette, answer.crop) if answer.found else None
+        video.write(draw_frame(frame.photo.image, ", ".join(words), pose, outline))
+
+    def described(self) -> str:
+        """One line that a person can read."""
+        anew = f", {self.num_anew} times anew" if self.num_anew else ""
+        return (
+            f"{self.model.card.category} found in {self.num_found} of {self.num_frames} frames{anew}, "
+            f"{self.num_frames / self.seconds:.1f} frames a second"
+        )
+
+
+def header(first: PoseResult) -> dict[str, Any]:
+    """What holds for all frames."""
+    said = first.to_dict()
+    return {name: said[name] for name in ("category", "symmetry", "intrinsics", "intrinsics_from", "notes")}
+
+
+def entry(number: int, frame: Frame, answer: Followed) -> dict[str, Any]:
+    """What ``poses.json`` says of a frame; null where the object was not found."""
+    numbers = {name: getattr(answer, name).tolist() for name in ("rotation", "translation", "size")}
+    return {
+        "frame": number,
+        "time": frame.time,
+        "found": answer.found,
+        "anew": answer.anew,
+        **(numbers if answer.found else dict.fromkeys(numbers)),
+        "energy": answer.energy if answer.found else None,
+        "overlap": answer.overlap,
+    }
+
+
+@contextmanager
+def progress(total: int | None) -> Iterator[Callable[[], object]]:
+    """A bar on stderr, silent where that is no terminal; hands out what moves it on by a frame."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    console = Console(file=sys.stderr)
+    columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[rate]}"), TimeRemainingColumn())
+    with Progress("following", *columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task("following", total=total, rate="")
+
+        def advance() -> None:
+            bar.advance(task)
+            speed = bar.tasks[0].speed
+            bar.update(task, rate="" if speed is None else f"{speed:.1f} frames/s, left")
+
+        yield advance

@@ -1,0 +1,145 @@
+"""Frames of a video, from a clip or from a folder of pictures, read one by one as they are asked for."""
+
+from __future__ import annotations
+
+import os
+import re
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from kfit.segmentation.photo import Photo, read_photo
+
+PICTURES = (".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tif", ".tiff")
+USUAL_RATE = 30.0
+"""Frames a second where nothing tells them."""
+# Clips say how many frames they have, some of them roughly; one that ends at less than this share was cut short.
+WHOLE = 0.9
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One frame.
+
+    Attributes:
+        photo: what it shows.
+        time: in seconds from the start, where the file tells it.
+    """
+
+    photo: Photo
+    time: float | None = None
+
+
+class Frames(ABC):
+    """Frames to go through once, all of one size.
+
+    Attributes:
+        count: how many there are, as far as that is known beforehand.
+        rate: of them a second.
+        note: after the last, a sentence where there should have been more.
+    """
+
+    count: int | None = None
+    rate: float = USUAL_RATE
+    note: str = ""
+
+    @staticmethod
+    def of(path: str | Path) -> Frames:
+        """Open a clip that OpenCV reads, or a folder of pictures.
+
+        Raises:
+            FileNotFoundError: if there is no such thing, or the folder holds no pictures.
+            ValueError: if the file is no clip that can be read.
+        """
+        path = Path(path)
+        if not path.exists():
+            raise FileNotFoundError(f"there is no clip or folder {path}")
+        return FolderOfFrames(path) if path.is_dir() else Clip(path)
+
+    @abstractmethod
+    def __iter__(self) -> Iterator[Frame]:
+        """The frames.
+
+        Raises:
+            ValueError: for one that cannot be read, or is not as large as the first.
+        """
+
+
+class FolderOfFrames(Frames):
+    """Pictures in a folder, by name, numbers in it as numbers: frame_9 comes before frame_10."""
+
+    def __init__(self, folder: Path) -> None:
+        self.files = pictures(folder)
+        self.count = len(self.files)
+
+    def __iter__(self) -> Iterator[Frame]:
+        size = None
+        for path in self.files:
+            photo = read_photo(path)
+            height, width = photo.image.shape[:2]
+            size = size or (width, height)
+            if (width, height) != size:
+                raise ValueError(changed(str(path), (width, height), size))
+            yield Frame(photo)
+
+
+class Clip(Frames):
+    """A video file; frames of phones that were held upright are turned upright, as the file says."""
+
+    def __init__(self, path: Path) -> None:
+        if path.suffix.lower() in PICTURES:
+            raise ValueError(f"{path} is one picture: give a clip or a folder of frames, or take kfit pose")
+        self.path = path
+        # FFmpeg would write of damaged frames to the terminal, through the progress bar; −8 is its "quiet".
+        os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+        self._capture = cv2.VideoCapture(str(path))
+        self._read, self._next = self._capture.read()
+        if not self._read:
+            raise ValueError(f"{path} is not a clip that can be read, is damaged, or holds no frame")
+        count, rate = self._capture.get(cv2.CAP_PROP_FRAME_COUNT), self._capture.get(cv2.CAP_PROP_FPS)
+        self.count = int(count) if 0 < count < 1e9 else None
+        self.rate = rate if 1 <= rate <= 1000 else USUAL_RATE
+
+    def __iter__(self) -> Iterator[Frame]:
+        num, size = 0, self._next.shape[:2]
+        while self._read:
+            height, width = self._next.shape[:2]
+            if (height, width) != size:
+                raise ValueError(changed(f"{num} of {self.path}", (width, height), (size[1], size[0])))
+            pixels = cv2.cvtColor(self._next, cv2.COLOR_BGR2RGB).astype(np.float32) / np.float32(255)
+            time = self._capture.get(cv2.CAP_PROP_POS_MSEC) / 1000
+            yield Frame(Photo(pixels), time if time > 0 or num == 0 else None)
+            num += 1
+            self._read, self._next = self._capture.read()
+        self._capture.release()
+        if self.count is not None and num < WHOLE * self.count:
+            told = f"{num} of the {self.count} frames that it announces could be read"
+            self.note = f"{self.path} is damaged or cut short: {told}"
+
+
+def changed(frame: str, size: tuple[int, int], first: tuple[int, int]) -> str:
+    """A sentence on a frame of another size."""
+    return f"frame {frame} has {size[0]} x {size[1]} pixels, the first {first[0]} x {first[1]}: all must be as large"
+
+
+def pictures(folder: Path) -> list[Path]:
+    """Pictures in a folder, sorted by name, numbers in it as numbers.
+
+    Raises:
+        FileNotFoundError: if there is no such folder, or no picture in it.
+    """
+    if not folder.is_dir():
+        raise FileNotFoundError(f"there is no folder {folder}")
+    found = [path for path in folder.iterdir() if path.suffix.lower() in PICTURES and not path.name.startswith(".")]
+    if not found:
+        raise FileNotFoundError(f"folder {folder} holds no pictures: no {', '.join(PICTURES)}")
+    return sorted(found, key=lambda path: (_in_order(path.name), path.name))
+
+
+def _in_order(name: str) -> list[str | int]:
+    """Texts and numbers by turns."""
+    return [int(part) if odd % 2 else part for odd, part in enumerate(re.split(r"(\d+)", name))]

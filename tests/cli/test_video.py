@@ -1,0 +1,125 @@
+"""`kfit video`, on a drawn laptop before a photo."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import torch
+from skimage.io import imsave
+
+from kfit.cli.main import main
+from kfit.geometry import rotation_error
+from kfit.models import load
+from kfit.models.clips import Clip, unseen_clip
+
+FRAMES = 4
+CAMERA = ["--intrinsics", "384", "384", "159.5", "119.5"]
+
+
+@pytest.fixture(scope="module")
+def truth() -> Clip:
+    return unseen_clip(load("laptop"), 1, FRAMES)
+
+
+@pytest.fixture(scope="module")
+def videos(truth: Clip, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A clip, its frames in a folder, and its masks in another; the third frame's is empty."""
+    folder = tmp_path_factory.mktemp("videos")
+    video = cv2.VideoWriter(str(folder / "clip.mp4"), cv2.VideoWriter.fourcc(*"mp4v"), 20, (320, 240))
+    for number, (frame, mask) in enumerate(zip(truth.frames, truth.masks, strict=True)):
+        pixels = (255 * frame).round().astype(np.uint8)
+        video.write(pixels[..., ::-1])
+        for place, picture in {"frames": pixels, "masks": np.uint8(255) * (mask > 0.5) * (number != 2)}.items():
+            (folder / place).mkdir(exist_ok=True)
+            imsave(folder / place / f"{number + 8}.png", picture, check_contrast=False)  # 8, 9, 10, 11
+    video.release()
+    return folder
+
+
+def answers(folder: Path) -> tuple[dict, list[dict]]:
+    assert sorted(path.name for path in folder.iterdir()) == ["overlay.webm", "poses.json"]
+    said = json.loads((folder / "poses.json").read_text())
+    return said, said["frames"]
+
+
+def num_pictures(path: Path) -> int:
+    video, number = cv2.VideoCapture(str(path)), 0
+    while video.read()[0]:
+        number += 1
+    return number
+
+
+def test_a_clip_is_followed(videos: Path, truth: Clip, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    mask = str(videos / "masks/8.png")
+    main(["video", str(videos / "clip.mp4"), "--category", "laptop", "--mask", mask, "--out", str(tmp_path), *CAMERA])
+    printed = capsys.readouterr()
+    assert printed.out.startswith("laptop found in 4 of 4 frames, ")
+    assert len(printed.out.splitlines()) == 1
+    assert printed.err == ""
+    said, frames = answers(tmp_path)
+    assert (said["category"], said["intrinsics_from"], said["intrinsics"][0][0]) == ("laptop", "given", 384)
+    assert [frame["frame"] for frame in frames] == [0, 1, 2, 3]
+    assert [frame["time"] for frame in frames] == pytest.approx([0, 0.05, 0.1, 0.15])
+    assert [frame["anew"] for frame in frames] == [True, False, False, False]
+    found = torch.tensor([frame["rotation"] for frame in frames], dtype=torch.float64)
+    assert float(rotation_error(found, truth.rotation).rad2deg().max()) < 10
+    assert all(len(frame["translation"]) == len(frame["size"]) == 3 and frame["overlap"] > 0.8 for frame in frames)
+    assert num_pictures(tmp_path / "overlay.webm") == 4
+
+
+def test_a_folder_is_followed_by_its_masks_and_a_frame_without_the_object_has_no_pose(
+    videos: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    given = ["--masks", str(videos / "masks"), "--out", str(tmp_path)]
+    main(["video", str(videos / "frames"), "--category", "laptop", *given])
+    printed = capsys.readouterr()
+    assert printed.out.startswith("laptop found in 3 of 4 frames, ")
+    assert "assumed" in printed.err
+    said, frames = answers(tmp_path)
+    assert "assumed" in said["notes"][0]
+    assert [frame["time"] for frame in frames] == [None] * 4
+    assert [frame["found"] for frame in frames] == [True, True, False, True]
+    lost = {"found": False, "anew": False, "rotation": None, "translation": None, "size": None, "energy": None}
+    assert frames[2] == {"frame": 2, "time": None, **lost, "overlap": 0}
+    assert num_pictures(tmp_path / "overlay.webm") == 4
+
+
+def refused(words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
+    with pytest.raises(SystemExit) as stopped:
+        main(["video", *words])
+    said = capsys.readouterr()
+    assert (stopped.value.code, said.out, said.err.count("\n")) == (2, "", 1)
+    return said.err
+
+
+def test_a_users_mistake_gets_one_sentence_and_writes_nothing(
+    videos: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    clip, masks = str(videos / "clip.mp4"), str(videos / "masks")
+    (tmp_path / "masks").mkdir()
+    (tmp_path / "masks/1.png").write_bytes((videos / "masks/8.png").read_bytes())
+    few, out = str(tmp_path / "masks"), ["--out", str(tmp_path / "out")]
+    laptop = ["--category", "laptop", *out]
+    assert "say what the object is" in refused([clip, *out], capsys)
+    assert "--mask and --masks were both given" in refused([clip, "--mask", "m", "--masks", masks, *laptop], capsys)
+    assert "there is no clip or folder none.mp4" in refused(["none.mp4", *laptop], capsys)
+    assert "holds 1 masks for 4 frames" in refused([str(videos / "frames"), "--masks", few, *laptop], capsys)
+    assert "--model must name a .safetensors file" in refused([clip, "--model", "model.pt", *out], capsys)
+    assert not (tmp_path / "out").exists()
+    assert "has more frames" in refused([clip, "--masks", few, *laptop, *CAMERA], capsys)
+    assert list((tmp_path / "out").iterdir()) == []
+
+
+def test_a_broken_clip_is_told_in_one_line(tmp_path: Path) -> None:
+    (tmp_path / "no.mp4").write_text("no clip")
+    words = [sys.executable, "-m", "kfit", "video", str(tmp_path / "no.mp4"), "--category", "mug"]
+    told = subprocess.run(words, capture_output=True, text=True, cwd=tmp_path)
+    assert told.returncode == 2
+    assert told.stderr == f"kfit: {tmp_path}/no.mp4 is not a clip that can be read, is damaged, or holds no frame\n"
+    assert not (tmp_path / "kfit_out").exists()
