@@ -9,11 +9,12 @@ from collections.abc import Sequence
 from jsonargparse import ArgumentParser, Namespace
 
 from kfit import __version__
-from kfit.cli import bench, calibrate, evaluate, export, pack, pose
+from kfit.cli import app, bench, calibrate, evaluate, export, pack, pose
 
 TRAINING = ("fit", "validate", "test", "predict")
 COMMANDS = {
     "pose": pose,
+    "app": app,
     "evaluate": evaluate,
     "pack": pack,
     "calibrate": calibrate,

@@ -1,5 +1,6 @@
 """Pictures of results."""
 
+from kfit.reports.describe import describe
 from kfit.reports.overlay import draw_overlay
 
-__all__ = ["draw_overlay"]
+__all__ = ["describe", "draw_overlay"]
