@@ -11,7 +11,7 @@ from PIL import Image, UnidentifiedImageError
 
 from kfit.segmentation import Photo, read_photo
 
-LARGEST_FILE = 20_000_000
+LARGEST_FILE = 20 * 2**20
 LARGEST_PICTURE = 40_000_000
 # Those that phones, cameras and browsers write. Each further decoder is one more that strangers' bytes reach.
 KINDS = {"JPEG": (".jpg", ".jpeg"), "PNG": (".png",), "WEBP": (".webp",)}
@@ -45,7 +45,7 @@ def checked(path: Path, read: Callable[[Path], Read]) -> Read:
 def _measure(path: Path) -> None:
     size = path.stat().st_size
     if size > LARGEST_FILE:
-        raise ValueError(f"{path} has {size / 1e6:.1f} MB; the page takes pictures of at most {LARGEST_FILE / 1e6:.0f}")
+        raise ValueError(f"{path} has {size / 2**20:.1f} MB; the page takes pictures of at most {LARGEST_FILE >> 20}")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # Pillow's own warning of large pictures
