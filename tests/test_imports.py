@@ -33,7 +33,8 @@ ALLOWED = {
     "training": BELOW_PARTS | PARTS | {"baselines", "devices", "pipeline"},
     "models": BELOW_MODELS,
     "reports": BELOW_MODELS | {"models"},  # pages of what models answer
-    "cli": BELOW_MODELS | {"models", "reports"},
+    "app": BELOW_MODELS | {"models", "reports"},
+    "cli": BELOW_MODELS | {"models", "reports", "app"},
     "__main__": {"cli"},
     "__init__": {"pipeline", "models", "reports"},  # names them lazily
 }

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from jsonargparse import ArgumentError, ArgumentParser, Namespace
 
 from kfit import __version__
-from kfit.cli import bench, calibrate, completion, evaluate, export, info, pack, pose, video
+from kfit.cli import app, bench, calibrate, completion, evaluate, export, info, pack, pose, video
 from kfit.cli.help_page import HelpPage
 from kfit.cli.session import ENDINGS, add_general_options, session
 
@@ -20,6 +20,7 @@ TRAINING = {
 COMMANDS = {
     "pose": pose,
     "video": video,
+    "app": app,
     "evaluate": evaluate,
     "pack": pack,
     "calibrate": calibrate,

@@ -6,7 +6,6 @@ Writes pose.json and overlay.png, and prints one line.
 from __future__ import annotations
 
 import json
-import math
 import shlex
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -171,6 +170,8 @@ def run(said: Namespace) -> None:
         )
     for note in result.notes:
         log.info("%s", note)
+    from kfit.reports import describe
+
     overlay = write(result, Path(said.out), pages(result, said))
     print(json.dumps(result.to_dict()) if said.json else f"{describe(result)} · {overlay}")
 
@@ -208,7 +209,7 @@ def write(result: PoseResult, folder: Path, others: Mapping[str, Callable[[Path]
     from skimage.io import imsave
 
     from kfit.core.whole_files import write_whole
-    from kfit.reports import draw_overlay
+    from kfit.reports import describe, draw_overlay
 
     rotation, translation, size, camera = (
         torch.from_numpy(part) for part in (result.rotation, result.translation, result.size, result.intrinsics)
@@ -233,21 +234,3 @@ def write(result: PoseResult, folder: Path, others: Mapping[str, Callable[[Path]
         },
     )
     return overlay
-
-
-def describe(result: PoseResult) -> str:
-    """One line that a person can read."""
-    from kfit.geometry import CATEGORIES
-
-    azimuth, elevation, roll = (math.degrees(float(result.fit.values[n][0])) for n in ("azimuth", "elevation", "roll"))
-    turned = "" if CATEGORIES[result.category].symmetry == "y" else f"turned {_wrapped(azimuth):.0f}°, "
-    sides = " × ".join(f"{100 * side:.0f}" for side in result.size)
-    away, above, rolled = 100 * result.translation[2], _wrapped(elevation), _wrapped(roll)
-    return (
-        f"{result.category} {away:.0f} cm away, {turned}seen from {above:.0f}° above, rolled {rolled:.0f}°, "
-        f"{sides} cm, confidence {100 * result.confidence:.0f} %"
-    )
-
-
-def _wrapped(degrees: float) -> float:
-    return (degrees + 180) % 360 - 180

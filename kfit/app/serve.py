@@ -1,0 +1,112 @@
+"""Serving the page on this machine: what Gradio may do, and what it may not."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import webbrowser
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from threading import Event
+from typing import Any
+
+from kfit.app.session import Sessions
+from kfit.app.uploads import LARGEST_FILE
+
+LOOPBACK = ("127.0.0.1", "localhost")
+# Whatever the page's scripts try, the browser asks nobody but this server. Gradio builds its templates by `Function`.
+POLICY = (
+    "default-src 'self' 'unsafe-inline' 'unsafe-eval' data: blob:; object-src 'none'; frame-ancestors 'none'; "
+    "base-uri 'self'; form-action 'self'"
+)
+SWITCHES = {
+    "GRADIO_ANALYTICS_ENABLED": "False",
+    "HF_HUB_DISABLE_TELEMETRY": "1",
+    "HF_HUB_OFFLINE": "1",
+    "DO_NOT_TRACK": "1",
+}
+
+
+class OnlySelf:
+    """Tells the browser to ask this server alone."""
+
+    def __init__(self, app: Callable[..., Awaitable[None]]) -> None:
+        self.app = app
+
+    async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
+        """Add the headers to an answer."""
+
+        async def with_policy(message: dict[str, Any]) -> None:
+            if message["type"] == "http.response.start":
+                said = [(b"content-security-policy", POLICY.encode()), (b"referrer-policy", b"no-referrer")]
+                message["headers"] = [*message.get("headers", []), *said]
+            await send(message)
+
+        await self.app(scope, receive, with_policy if scope["type"] == "http" else send)
+
+
+def serve(host: str, port: int | None) -> None:
+    """Serve the page until Ctrl-C; all that visitors handed in is deleted then.
+
+    Args:
+        host: address to listen at.
+        port: the first that is free from 7860 unless given.
+
+    Raises:
+        ImportError: where Gradio is not installed.
+        OSError: if the port is taken.
+    """
+    os.environ.update(SWITCHES)
+    with TemporaryDirectory(prefix="kfit-app-") as folder:
+        os.environ["GRADIO_TEMP_DIR"] = folder  # Gradio reads it when it is imported
+        try:
+            import gradio as gr
+        except ImportError:
+            raise ImportError("kfit app needs the package gradio: pip install 'kfit[app]'") from None
+        from starlette.middleware import Middleware
+        from starlette.middleware.trustedhost import TrustedHostMiddleware
+
+        from kfit.app.page import HERE, page
+
+        middleware = [Middleware(OnlySelf)]
+        if host in LOOPBACK:  # a name that a stranger points here is no name of this machine
+            middleware.append(Middleware(TrustedHostMiddleware, allowed_hosts=list(LOOPBACK)))
+        blocks = page(Sessions(Path(folder)))
+        try:
+            _, address, _ = blocks.launch(
+                server_name=host,
+                server_port=port,
+                share=False,
+                quiet=True,
+                prevent_thread_lock=True,
+                inbrowser=False,
+                max_file_size=LARGEST_FILE,
+                ssr_mode=False,
+                pwa=False,
+                mcp_server=False,
+                enable_monitoring=False,
+                run_history=False,
+                footer_links=[],
+                theme=gr.themes.Default(
+                    primary_hue="amber", font=["system-ui", "sans-serif"], font_mono=["ui-monospace", "monospace"]
+                ),
+                css_paths=[HERE / "page.css"],
+                app_kwargs={"middleware": middleware},
+            )
+        except OSError as error:
+            asked = "7860 and the hundred after it" if port is None else str(port)
+            raise OSError(f"port {asked} of {host} cannot be had; name a free one by --port") from error
+        print(f"kfit: open {address} in a browser; Ctrl-C ends it", file=sys.stderr, flush=True)
+        if host in LOOPBACK and _has_screen():
+            webbrowser.open(address)
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
+        try:
+            Event().wait()
+        except KeyboardInterrupt:
+            blocks.close(verbose=False)
+
+
+def _has_screen() -> bool:
+    return sys.platform in ("darwin", "win32") or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY")))

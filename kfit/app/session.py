@@ -1,0 +1,173 @@
+"""What one visitor of the page has handed in so far, kept apart from the others' and deleted with the visit."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections import OrderedDict
+from collections.abc import Iterator
+from functools import lru_cache
+from pathlib import Path
+from tempfile import mkdtemp
+from threading import Lock
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kfit.app.uploads import checked, read_upload
+from kfit.app.watched import Drawn, watched
+from kfit.core.whole_files import write_whole
+from kfit.models import CategoryModel, PoseResult, load
+from kfit.segmentation import Photo, mask_from_alpha, mask_from_box, mask_from_file
+
+EXAMPLE_MASK = Path(__file__).parent / "coffee_mask.png"
+MOST_SESSIONS = 8
+Fractions = tuple[float, float, float, float]
+
+
+class Session:
+    """One visitor's picture, the mask on it, and a folder of what may be downloaded.
+
+    Args:
+        folder: of its own, deleted by `close`.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.photo: Photo | None = None
+        self.mask: NDArray[np.float32] | None = None
+        self._name = ""
+        # How `kfit pose` is told the object.
+        self._told: list[str] = []
+
+    def take(self, path: Path) -> None:
+        """Read an uploaded photo and delete the file; an alpha channel that sets an object off is its mask.
+
+        Raises:
+            ValueError: for a file that cannot be used, in one sentence; what was there before stays.
+        """
+        try:
+            photo = read_upload(path)
+        finally:
+            path.unlink(missing_ok=True)
+        alpha = mask_from_alpha(photo.alpha)
+        self.photo, self.mask, self._name, self._told = photo, alpha, path.name, []
+
+    def take_example(self) -> None:
+        """Take the photo of a cup that scikit-image ships, with a mask drawn by hand."""
+        from skimage.data import coffee
+
+        self.photo = Photo(coffee().astype(np.float32) / np.float32(255))
+        self.mask = mask_from_file(EXAMPLE_MASK, self.photo.image.shape[:2])
+        self._name, self._told = "coffee.png", ["--mask", EXAMPLE_MASK.name]
+
+    def take_mask(self, path: Path) -> None:
+        """Read an uploaded mask and delete the file.
+
+        Raises:
+            ValueError: if it cannot be used or there is no photo yet; what was there before stays.
+        """
+        try:
+            self.mask = checked(path, lambda file: mask_from_file(file, self._seen().image.shape[:2]))
+        finally:
+            path.unlink(missing_ok=True)
+        self._told = ["--mask", path.name]
+
+    def draw(self, box: Fractions) -> None:
+        """Find the object in a box; where none is found there is no mask.
+
+        Args:
+            box: left, top, width and height as fractions of the picture's width and height.
+
+        Raises:
+            ValueError: if nothing stands out in the box, or there is no photo yet.
+        """
+        image = self._seen().image
+        height, width = image.shape[:2]
+        left, top, across, down = (
+            round(part * whole) for part, whole in zip(box, (width, height, width, height), strict=True)
+        )
+        self.mask = None
+        self.mask = mask_from_box(image, (left, top, across, down))
+        self._told = ["--box", *(str(number) for number in (left, top, across, down))]
+
+    def fit(self, category: str | None) -> Iterator[Drawn | PoseResult]:
+        """Fit what the mask shows: one `Drawn` a step, at last the result.
+
+        Raises:
+            ValueError: if picture, mask or category is still to be given.
+        """
+        photo = self._seen()
+        if self.mask is None:
+            raise ValueError("Draw a box around the object first, so that it is known what is to be fitted.")
+        if category is None:
+            raise ValueError("Choose what kind of object it is.")
+        # The photo's own alpha channel is used as `kfit pose` does, which is not told of it.
+        return watched(_model(category), photo, self.mask if self._told else None)
+
+    def command(self, category: str) -> str:
+        """The line that does the same in a terminal."""
+        from shlex import join
+
+        return join(["kfit", "pose", self._name, "--category", category, *self._told])
+
+    def write(self, result: PoseResult) -> tuple[Path, Path]:
+        """Write what can be downloaded: report.html and pose.json, both or neither."""
+        from kfit import report
+
+        page, numbers = write_whole(
+            self.folder,
+            {
+                "report.html": lambda path: report(result, path, command=self.command(result.category)),
+                "pose.json": lambda path: path.write_text(json.dumps(result.to_dict(), indent=2) + "\n"),
+            },
+        )
+        return page, numbers
+
+    def close(self) -> None:
+        """Delete everything."""
+        self.photo = self.mask = None
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+    def _seen(self) -> Photo:
+        if self.photo is None:
+            raise ValueError("There is no picture: choose one, also if you had, as pictures are not kept for long.")
+        return self.photo
+
+
+class Sessions:
+    """All visitors' sessions, of which the one that was used longest ago makes room where there are too many.
+
+    Args:
+        folder: in which each gets a folder of its own.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._open: OrderedDict[str, Session] = OrderedDict()
+        self._lock = Lock()
+
+    def __len__(self) -> int:
+        return len(self._open)
+
+    def of(self, visitor: str) -> Session:
+        """The visitor's session, a new one at the first call."""
+        with self._lock:
+            if visitor not in self._open:
+                self._open[visitor] = Session(Path(mkdtemp(prefix="session-", dir=self.folder)))
+            self._open.move_to_end(visitor)
+            while len(self._open) > MOST_SESSIONS:
+                self._open.popitem(last=False)[1].close()
+            return self._open[visitor]
+
+    def close(self, visitor: str) -> None:
+        """Forget the visitor and delete what is theirs; fine where nothing is."""
+        with self._lock:
+            session = self._open.pop(visitor, None)
+        if session is not None:
+            session.close()
+
+
+@lru_cache
+def _model(category: str) -> CategoryModel:
+    return load(category)

@@ -1,0 +1,63 @@
+"""What a person may hand to the page: measured before it is decoded."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import TypeVar
+
+from PIL import Image, UnidentifiedImageError
+
+from kfit.segmentation import Photo, read_photo
+
+LARGEST_FILE = 20 * 2**20
+LARGEST_PICTURE = 40_000_000
+# Those that phones, cameras and browsers write. Each further decoder is one more that strangers' bytes reach.
+KINDS = {"JPEG": (".jpg", ".jpeg"), "PNG": (".png",), "WEBP": (".webp",)}
+ENDINGS = [ending for endings in KINDS.values() for ending in endings]
+
+Read = TypeVar("Read")
+
+
+def read_upload(path: Path) -> Photo:
+    """Read an uploaded photo.
+
+    Raises:
+        ValueError: if it has more than 20 MB or 40 megapixels, is no JPEG, PNG or WebP picture, or is damaged.
+    """
+    return checked(path, read_photo)
+
+
+def checked(path: Path, read: Callable[[Path], Read]) -> Read:
+    """What ``read`` makes of an uploaded picture; it is called only where the picture's head keeps the limits.
+
+    Raises:
+        ValueError: if the limits are broken, and what ``read`` raises, told without the folder that is the server's.
+    """
+    try:
+        _measure(path)
+        return read(path)
+    except (ValueError, OSError) as error:
+        raise ValueError(str(error).replace(str(path), path.name)) from error
+
+
+def _measure(path: Path) -> None:
+    size = path.stat().st_size
+    if size > LARGEST_FILE:
+        raise ValueError(f"{path} has {size / 2**20:.1f} MB; the page takes pictures of at most {LARGEST_FILE >> 20}")
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # Pillow's own warning of large pictures
+            with Image.open(path, formats=list(KINDS)) as picture:  # reads the head alone
+                width, height = picture.size
+    except UnidentifiedImageError as error:
+        raise ValueError(f"{path} is no JPEG, PNG or WebP picture, which the page takes") from error
+    except Image.DecompressionBombError as error:
+        raise ValueError(_too_many(path, "far too many")) from error
+    if width * height > LARGEST_PICTURE:
+        raise ValueError(_too_many(path, f"{width} x {height}"))
+
+
+def _too_many(path: Path, pixels: str) -> str:
+    return f"{path} has {pixels} pixels; the page takes pictures of at most {LARGEST_PICTURE // 1_000_000} megapixels"

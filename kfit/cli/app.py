@@ -1,0 +1,34 @@
+"""Open a local page: drop a photo, draw a box, watch the fit.
+
+Needs the package's extra: pip install 'kfit[app]'.
+"""
+
+from __future__ import annotations
+
+from jsonargparse import ArgumentParser, Namespace
+
+
+def parser() -> ArgumentParser:
+    """Arguments of ``kfit app``."""
+    parser = ArgumentParser(
+        description="Open a page on this machine where a photo is dropped, a box is drawn around the object and the "
+        "fit is watched; its report and numbers can be downloaded. Photos stay on this machine, in memory, and are "
+        "forgotten when the page is closed. Needs: pip install 'kfit[app]'.",
+        epilog="example:  kfit app --port 8000",
+    )
+    parser.add_argument("--port", type=int, default=None, help="port to listen at; the first free one from 7860")
+    parser.add_argument(
+        "--host",
+        type=str,
+        default="127.0.0.1",
+        help="address to listen at; any other than this one lets everybody who can reach this machine use the page, "
+        "which asks for no password",
+    )
+    return parser
+
+
+def run(said: Namespace) -> None:
+    """Serve the page until Ctrl-C."""
+    from kfit.app.serve import serve
+
+    serve(said.host, said.port)

@@ -1,0 +1,141 @@
+"""What a visitor hands in is kept apart and deleted."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import kfit
+from kfit.app import Drawn, Session, Sessions, session
+from kfit.models import PoseResult
+from kfit.segmentation import mask_from_box
+
+
+@pytest.fixture
+def visit(tmp_path):
+    (tmp_path / "own").mkdir()
+    return Session(tmp_path / "own")
+
+
+def test_a_photo_is_read_and_its_file_deleted(visit, upload, drawn_mug):
+    path = upload(drawn_mug[..., :3])
+    visit.take(path)
+    assert visit.photo.image.shape == (128, 128, 3)
+    assert visit.mask is None
+    assert not path.exists()
+
+
+def test_a_file_that_is_refused_is_deleted_too_and_what_was_there_stays(visit, upload, drawn_mug):
+    visit.take(upload(drawn_mug))
+    before = visit.photo
+    path = upload(drawn_mug, "other.png")
+    path.write_bytes(b"nothing")
+    with pytest.raises(ValueError, match="no JPEG, PNG or WebP"):
+        visit.take(path)
+    assert not path.exists()
+    assert visit.photo is before
+
+
+def test_an_alpha_channel_does_without_a_box(visit, upload, drawn_mug):
+    visit.take(upload(drawn_mug))
+    assert np.array_equal(visit.mask, drawn_mug[..., 3].astype(np.float32) / np.float32(255))
+    assert visit.command("mug") == "kfit pose mug.png --category mug"
+
+
+def test_a_box_is_cut_as_the_command_line_does(visit, upload, drawn_mug):
+    visit.take(upload(drawn_mug[..., :3], "my mug.png"))
+    rows, columns = (np.flatnonzero((drawn_mug[..., 3] > 0).any(axis)) for axis in (1, 0))
+    box = (columns[0], rows[0], columns[-1] + 1 - columns[0], rows[-1] + 1 - rows[0])
+    visit.draw(tuple((number + 0.3) / 128 for number in box))
+    assert np.array_equal(visit.mask, mask_from_box(visit.photo.image, tuple(map(float, box))))
+    assert visit.command("mug") == "kfit pose 'my mug.png' --category mug --box " + " ".join(map(str, box))
+
+
+def test_a_box_in_which_nothing_is_leaves_no_mask(visit, upload, drawn_mug):
+    visit.take(upload(drawn_mug))
+    with pytest.raises(ValueError, match="leaves less than 4 pixels"):
+        visit.draw((0.1, 0.1, 0.01, 0.01))
+    assert visit.mask is None
+    with pytest.raises(ValueError, match=r"^Draw a box around the object first"):
+        visit.fit("mug")
+
+
+def test_an_uploaded_mask_does_without_a_box(visit, upload, drawn_mug):
+    visit.take(upload(drawn_mug[..., :3]))
+    path = upload(drawn_mug[..., 3], "mask.png")
+    visit.take_mask(path)
+    assert np.array_equal(visit.mask > 0, drawn_mug[..., 3] > 0)
+    assert not path.exists()
+    assert visit.command("mug") == "kfit pose mug.png --category mug --mask mask.png"
+    with pytest.raises(ValueError, match=r"^mask small.png has 9 x 9 pixels, the photo 128 x 128$"):
+        visit.take_mask(upload(drawn_mug[:9, :9, 3], "small.png"))
+    assert visit.mask.any()
+
+
+def test_the_example_is_ready_to_be_fitted_and_its_mask_is_the_examples_folders(visit):
+    visit.take_example()
+    assert visit.photo.image.shape == (400, 600, 3)
+    assert visit.mask.shape == (400, 600)
+    examples = Path(kfit.__file__).parents[1] / "examples"
+    assert session.EXAMPLE_MASK.read_bytes() == (examples / "coffee_mask.png").read_bytes()
+
+
+def test_what_is_still_to_be_given_is_asked_for(visit, upload, drawn_mug):
+    for asked in (lambda: visit.fit("mug"), lambda: visit.draw((0.1, 0.1, 0.5, 0.5))):
+        with pytest.raises(ValueError, match=r"^There is no picture"):
+            asked()
+    visit.take(upload(drawn_mug))
+    with pytest.raises(ValueError, match=r"^Choose what kind of object it is.$"):
+        visit.fit(None)
+
+
+def test_a_fit_can_be_downloaded_as_report_and_numbers(visit, upload, drawn_mug, monkeypatch):
+    asked = []
+
+    def report(result, path, command=None):
+        asked.append((result.category, command))
+        path.write_text("<!doctype html>")
+        return path
+
+    monkeypatch.setattr(kfit, "report", report, raising=False)
+    visit.take(upload(drawn_mug))
+    *drawn, result = visit.fit("mug")
+    assert all(isinstance(one, Drawn) for one in drawn)
+    assert isinstance(result, PoseResult)
+    page, numbers = visit.write(result)
+    assert asked == [("mug", "kfit pose mug.png --category mug")]
+    assert page.read_text() == "<!doctype html>"
+    assert json.loads(numbers.read_text()) == json.loads(json.dumps(result.to_dict()))
+    assert sorted(path.name for path in visit.folder.iterdir()) == ["pose.json", "report.html"]
+    visit.close()
+    assert not visit.folder.exists()
+
+
+def test_sessions_are_apart_and_closing_one_leaves_the_others(tmp_path, upload, drawn_mug):
+    sessions = Sessions(tmp_path)
+    one, two = sessions.of("one"), sessions.of("two")
+    assert sessions.of("one") is one
+    assert one.folder != two.folder
+    one.take(upload(drawn_mug))
+    assert two.photo is None
+    sessions.close("one")
+    sessions.close("one")
+    assert len(sessions) == 1
+    assert one.photo is None
+    assert not one.folder.exists()
+    assert two.folder.exists()
+    assert sessions.of("one") is not one
+
+
+def test_the_session_used_longest_ago_makes_room(tmp_path):
+    sessions = Sessions(tmp_path)
+    first = sessions.of("0")
+    second = sessions.of("1")
+    for k in range(2, session.MOST_SESSIONS):
+        sessions.of(str(k))
+    sessions.of("0")
+    sessions.of("one more")
+    assert len(sessions) == session.MOST_SESSIONS
+    assert first.folder.exists()
+    assert not second.folder.exists()

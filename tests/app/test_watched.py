@@ -1,0 +1,61 @@
+"""A fit tells of each step, then gives the answer that it gives unwatched."""
+
+import threading
+
+import numpy as np
+import pytest
+
+from kfit.app import watched
+from kfit.core import Callback, FitError
+from kfit.models import PoseResult, load
+from kfit.segmentation import Photo
+
+
+@pytest.fixture(scope="module")
+def model():
+    return load("mug")
+
+
+@pytest.fixture
+def seen(drawn_mug):
+    return Photo(drawn_mug[..., :3].astype(np.float32) / np.float32(255)), (drawn_mug[..., 3] > 0).astype(np.float32)
+
+
+def test_each_step_is_told_once_and_the_answer_is_that_of_an_unwatched_fit(model, seen):
+    *told, result = watched(model, *seen)
+    assert [drawn.step for drawn in told] == list(range(17))
+    assert {drawn.num_steps for drawn in told} == {16}
+    assert [drawn.num_starts for drawn in told] == [4, 4, 4] + [2] * 14
+    energies = [drawn.energy for drawn in told]
+    assert energies == sorted(energies, reverse=True)
+    assert energies[-1] < energies[0]
+    unwatched = model.pose(seen[0], mask=seen[1])
+    assert isinstance(result, PoseResult)
+    assert result.to_dict() == unwatched.to_dict()
+    assert np.abs(told[-1].drawing - result.drawing).max() < 1e-3
+    assert np.abs(told[0].drawing - result.drawing).max() > 0.05
+    assert np.array_equal(told[0].seen, result.observation.image[0].movedim(0, -1).numpy())
+
+
+def test_leaving_ends_the_fit(model, seen):
+    before = threading.active_count()
+    news = watched(model, *seen)
+    assert next(news).step == 0
+    news.close()
+    assert threading.active_count() == before
+
+
+def test_what_goes_wrong_in_the_fit_is_raised_where_it_is_watched(model, seen, monkeypatch):
+    class Broken(Callback):
+        def on_step(self, state):
+            raise FitError("every start failed")
+
+    usual = model.pipeline
+    monkeypatch.setattr(model, "pipeline", lambda: usual(callbacks=[Broken()]))
+    with pytest.raises(FitError, match="every start failed"):
+        list(watched(model, *seen))
+
+
+def test_a_mask_that_is_empty_is_refused(model, seen):
+    with pytest.raises(ValueError, match="mask is empty"):
+        next(watched(model, seen[0], np.zeros_like(seen[1])))
