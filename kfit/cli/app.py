@@ -14,7 +14,8 @@ def parser() -> ArgumentParser:
         description="Open a page on this machine where a photo is dropped, a box is drawn around the object and the "
         "fit is watched; its report and numbers can be downloaded. Photos stay on this machine, in memory, and are "
         "forgotten when the page is closed. Needs: pip install 'kfit[app]'.",
-        epilog="example:  kfit app --port 8000",
+        epilog="""example:
+  kfit app --port 8000""",
     )
     parser.add_argument("--port", type=int, default=None, help="port to listen at; the first free one from 7860")
     parser.add_argument(

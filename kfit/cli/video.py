@@ -6,14 +6,14 @@ Writes poses.json and overlay.webm, and prints one line.
 from __future__ import annotations
 
 import json
-import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
 from jsonargparse import ArgumentParser, Namespace
+
+from kfit.cli.session import log, progress
 
 if TYPE_CHECKING:
     import numpy as np
@@ -30,8 +30,9 @@ def parser() -> ArgumentParser:
         description="Follow one object through a video, each frame from the last one's pose, which is much faster than "
         "fitting frames one by one: writes DIR/poses.json, a pose for each frame, and DIR/overlay.webm, a video that "
         "shows them, and prints one line.",
-        epilog="examples:  kfit video clip.mp4 --category mug --box 120 80 300 260   |   "
-        "kfit video frames/ --category mug --masks masks/",
+        epilog="""examples:
+  kfit video clip.mp4 --category mug --box 120 80 300 260
+  kfit video frames/ --category mug --masks masks/""",
     )
     parser.add_argument("frames", type=str, help="a video file, or a folder of pictures, by the numbers in their names")
     parser.add_argument("--category", type=str, default=None, help="kind of object: a bundled model's name")
@@ -95,7 +96,7 @@ def run(said: Namespace) -> None:
     files = {"overlay.webm": lambda path: video.write(path, path.with_name("poses.json")), "poses.json": lambda _: None}
     overlay, _ = write_whole(Path(said.out), files)
     if frames.note:
-        print(f"kfit: {frames.note}", file=sys.stderr)
+        log.info("%s", frames.note)
     print(f"{video.described()} · {overlay}")
 
 
@@ -134,8 +135,9 @@ class Video:
             VideoFile(overlay, self.frames.rate) as video,
             # A frame is drawn and encoded while the next is followed.
             ThreadPoolExecutor(1) as beside,
-            progress(self.frames.count) as advance,
+            progress() as bar,
         ):
+            task = bar.add_task("following", total=self.frames.count)
             shown: Future[None] | None = None
             for frame, answer in self.followed(file):
                 file.write(f"{',' if self.num_frames else ''}\n  {json.dumps(entry(self.num_frames, frame, answer))}")
@@ -145,7 +147,7 @@ class Video:
                 self.num_found += answer.found
                 self.num_anew += answer.anew and self.num_frames > 0
                 self.num_frames += 1
-                advance()
+                bar.advance(task)
             if shown is not None:
                 shown.result()
             file.write("\n]}\n")
@@ -162,7 +164,7 @@ class Video:
             if follower is None:
                 result = self.first(frame, mask)
                 for note in result.notes:
-                    print(f"kfit: {note}", file=sys.stderr)
+                    log.info("%s", note)
                 file.write(json.dumps(header(result))[:-1] + ', "frames": [')
                 follower = Follower(self.model, result, self.said.seed)
                 yield frame, follower.last
@@ -232,22 +234,3 @@ def entry(number: int, frame: Frame, answer: Followed) -> dict[str, Any]:
         "energy": answer.energy if answer.found else None,
         "overlap": answer.overlap,
     }
-
-
-@contextmanager
-def progress(total: int | None) -> Iterator[Callable[[], object]]:
-    """A bar on stderr, silent where that is no terminal; hands out what moves it on by a frame."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-    console = Console(file=sys.stderr)
-    columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[rate]}"), TimeRemainingColumn())
-    with Progress("following", *columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task("following", total=total, rate="")
-
-        def advance() -> None:
-            bar.advance(task)
-            speed = bar.tasks[0].speed
-            bar.update(task, rate="" if speed is None else f"{speed:.1f} frames/s, left")
-
-        yield advance

@@ -30,7 +30,7 @@ NO_RECIPES = {
     "a tagged name": "model: !!python/name:os.system\n",
     "a function": "model:\n  class_path: os.system\n  init_args: {command: touch pwned}\n",
 }
-FEW = settings(max_examples=24, derandomize=True, deadline=None, database=None, suppress_health_check=list(HealthCheck))
+FEW = settings(max_examples=16, derandomize=True, deadline=None, database=None, suppress_health_check=list(HealthCheck))
 VALUES = st.recursive(
     st.none() | st.booleans() | st.floats() | st.integers(-9, 9) | st.text(max_size=4),
     lambda inner: st.lists(inner, max_size=2) | st.dictionaries(st.text(max_size=4), inner, max_size=2),
