@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from argparse import ArgumentParser
 from collections.abc import Iterator
 
@@ -21,7 +22,9 @@ class CommandHelp(Directive):
 
 def helps(parser: ArgumentParser) -> Iterator[tuple[str, str]]:
     """Names and help of a command and of those below it."""
-    yield parser.prog.replace(" [options]", ""), parser.format_help()
+    # jsonargparse shows a choice's type as the address of a function, another one each time.
+    text = re.sub(r"type:\s+<function[^,]*,\s+", "", parser.format_help())
+    yield parser.prog.replace(" [options]", ""), text
     for below in parser._subparsers._group_actions if parser._subparsers else []:
         for one in below.choices.values():  # type: ignore[union-attr]
             yield from helps(one)

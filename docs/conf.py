@@ -1,4 +1,7 @@
-"""Sphinx's settings: `python -m sphinx -b html -W --keep-going -n docs docs/_build` makes the pages."""
+"""Sphinx's settings: `python -m sphinx -b html -W --keep-going -n docs docs/_build` makes the pages.
+
+Links to other sites are tried, where there is a network, by `python -m sphinx -b linkcheck docs docs/_build/linkcheck`.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,7 @@ from abc import ABC
 from pathlib import Path
 from typing import Any
 
-os.environ["COLUMNS"] = "100"  # of the commands' own help
+os.environ["COLUMNS"] = "88"  # of the commands' own help
 sys.path.insert(0, str(Path(__file__).parent))
 
 from sphinx.application import Sphinx
@@ -115,8 +118,9 @@ def public(app: Sphinx, name: str, thing: type, options: Any, bases: list[type])
 
 
 def with_factories(app: Sphinx, what: str, name: str, thing: Any, options: Any, words: str, back: str) -> Any:
-    """Signatures as Python would have them: a field's ``<factory>`` is no value."""
-    return (words.replace("<factory>", "..."), back) if words else None
+    """Signatures without a field's ``<factory>``, which is no value, and without what `torch.nn.Module` would take."""
+    said = "" if words and words.startswith("(*args") else words
+    return (said.replace("<factory>", "..."), back) if words else None
 
 
 def setup(app: Sphinx) -> None:

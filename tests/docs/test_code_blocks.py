@@ -12,6 +12,7 @@ import io
 import re
 import shlex
 import shutil
+import subprocess
 import sys
 import warnings
 from collections.abc import Iterator
@@ -27,7 +28,7 @@ from skimage import data
 from skimage.io import imread, imsave
 
 from kfit.cli import lightning as training
-from kfit.cli.main import TRAINING, main, parser
+from kfit.cli.main import TRAINING, parser
 
 ROOT = Path(__file__).parents[2]
 MASK = imread(ROOT / "examples" / "coffee_mask.png")
@@ -158,9 +159,8 @@ def go_through(page: Path, place: Path, slow: bool, monkeypatch: pytest.MonkeyPa
                 except SystemExit:
                     pytest.fail(f"{where}: the parser refuses: kfit {shlex.join(words)}")
                 if block.marker == "run" or (slow and block.marker == "slow"):
-                    with monkeypatch.context() as patch, redirect_stdout(io.StringIO()):
-                        patch.setattr(sys, "argv", ["kfit", *words])
-                        main(words)
+                    done = subprocess.run([sys.executable, "-m", "kfit", *words], capture_output=True, text=True)
+                    assert done.returncode == 0, f"{where}: {done.stderr}"
 
 
 @pytest.mark.parametrize("page", WITH_BLOCKS, ids=name_of)
@@ -172,3 +172,9 @@ def test_what_a_page_tells_to_type_works(page: Path, place: Path, monkeypatch: p
 @pytest.mark.parametrize("page", [page for page in PAGES if "<!-- slow -->" in page.read_text()], ids=name_of)
 def test_what_takes_minutes_works_too(page: Path, place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     go_through(page, place, True, monkeypatch)
+
+
+@pytest.mark.parametrize("words", ["pose photo.jpg --kind mug", "fit -c recipes/smoke.yaml --model.hue 1"])
+def test_words_that_no_command_knows_are_refused(words: str, place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(SystemExit):
+        check(words.split(), monkeypatch)
