@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import logging
 import tempfile
 import time
 import warnings
@@ -16,7 +15,7 @@ from jsonargparse import ArgumentParser, Namespace
 
 from kfit.cli.accuracy_page import Section
 from kfit.cli.bench_accuracy import command
-from kfit.cli.bench_page import show, write_page
+from kfit.cli.bench_page import lightning_silent, show, write_page
 from kfit.cli.session import progress
 
 if TYPE_CHECKING:
@@ -118,15 +117,14 @@ def fitted(
 
     ends: list[float] = []
     warnings.filterwarnings("ignore", message=".*LeafSpec.*")
-    logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
-    trainer = Trainer(
-        accelerator={"cuda": "gpu"}.get(accelerator, accelerator), devices=1, precision=precision, logger=False,
-        enable_checkpointing=False, enable_model_summary=False, enable_progress_bar=False,
-        callbacks=[Watch()], default_root_dir=out,
-    )  # fmt: skip
-    data = PhotoFolder(photos, said.category, said.batch_size)
-    begun = time.perf_counter()
-    with torch.random.fork_rng():
+    with lightning_silent(), torch.random.fork_rng():
+        trainer = Trainer(
+            accelerator={"cuda": "gpu"}.get(accelerator, accelerator), devices=1, precision=precision, logger=False,
+            enable_checkpointing=False, enable_model_summary=False, enable_progress_bar=False,
+            callbacks=[Watch()], default_root_dir=out,
+        )  # fmt: skip
+        data = PhotoFolder(photos, said.category, said.batch_size)
+        begun = time.perf_counter()
         trainer.predict(DatasetFit(out, seed=said.seed), datamodule=data, return_predictions=False)
     return ends
 

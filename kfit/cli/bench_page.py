@@ -2,13 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import logging
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 
 from kfit.cli.accuracy_page import Section, circumstances
 from kfit.cli.bench_accuracy import write_text
 from kfit.cli.session import log, table_console
+
+
+@contextmanager
+def lightning_silent() -> Iterator[None]:
+    """Lightning says nothing but warnings of what it does."""
+    lightning = logging.getLogger("lightning.pytorch")
+    before = lightning.level
+    lightning.setLevel(max(before, logging.WARNING))
+    try:
+        yield
+    finally:
+        lightning.setLevel(before)
 
 
 def show(tables: Sequence[Section], width: int) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,7 +10,7 @@ from jsonargparse import ArgumentParser, Namespace
 
 from kfit.cli.accuracy_page import Section
 from kfit.cli.bench_accuracy import command
-from kfit.cli.bench_page import show, write_page
+from kfit.cli.bench_page import lightning_silent, show, write_page
 from kfit.cli.session import progress
 
 if TYPE_CHECKING:
@@ -80,8 +79,8 @@ def measured(recipe: str, category: str, steps: int, folder: str) -> Stopwatch:
     words += ["--trainer.logger", "false", "--trainer.callbacks", "null", "--trainer.enable_progress_bar", "false"]
     words += ["--trainer.enable_checkpointing", "false", "--trainer.enable_model_summary", "false"]
     words += ["--trainer.limit_val_batches", "0", "--trainer.default_root_dir", folder]
-    logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
-    lightning.run(words, callbacks=[clock, _steps_shown(Path(recipe).stem, 5 + steps)])
+    with lightning_silent():
+        lightning.run(words, callbacks=[clock, _steps_shown(Path(recipe).stem, 5 + steps)])
     return clock
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import torch
 from lightning import LightningDataModule
 from torch import Tensor
-from torch.utils.data import DataLoader
+from torch.utils.data import DataLoader, DistributedSampler
 
 from kfit.core.check import check_choice, check_count, check_text
 from kfit.data.mesh_files import find_meshes
@@ -102,33 +102,27 @@ class ViewsDataModule(LightningDataModule):
             setattr(self, f"{part}_pairs", self._pairs(part, given))
 
     def train_dataloader(self) -> DataLoader[dict[str, Tensor]]:
-        """Shuffled pairs, the same order for the same seed; under DDP Lightning puts its own sampler in."""
-        order = torch.Generator().manual_seed(self.seed)
-        return self._loader(self.train_pairs, shuffle=True, drop_last=True, generator=order)
+        """Shuffled pairs, each process's own part of them; their order depends on the seed and the epoch alone, so that
+        a training that goes on from a checkpoint sees what it would have seen."""
+        pairs = _there(self.train_pairs)
+        rank, count = (self.trainer.global_rank, self.trainer.world_size) if self.trainer is not None else (0, 1)
+        order: DistributedSampler[Any] = DistributedSampler(pairs, count, rank, shuffle=True, seed=self.seed)
+        return self._loader(pairs, order, drop_last=len(pairs) > self.batch_size)
 
     def val_dataloader(self) -> DataLoader[dict[str, Tensor]]:
         """Fixed pairs in a fixed order."""
-        return self._loader(self.val_pairs, shuffle=False, drop_last=False, generator=None)
+        return self._loader(_there(self.val_pairs))
 
     def test_dataloader(self) -> DataLoader[dict[str, Tensor]]:
         """Fixed pairs in a fixed order."""
-        return self._loader(self.test_pairs, shuffle=False, drop_last=False, generator=None)
+        return self._loader(_there(self.test_pairs))
 
     def _loader(
-        self, pairs: ViewPairs | None, shuffle: bool, drop_last: bool, generator: torch.Generator | None
+        self, pairs: ViewPairs, order: DistributedSampler[Any] | None = None, drop_last: bool = False
     ) -> DataLoader[dict[str, Tensor]]:
-        if pairs is None:
-            raise ValueError("setup must be called before a loader is asked for, but it was not.")
         # Batches are fetched from memory faster than workers could send them, so Lightning's advice does not apply.
         warnings.filterwarnings("ignore", message=".*does not have many workers.*")
-        return DataLoader(
-            pairs,
-            batch_size=self.batch_size,
-            shuffle=shuffle,
-            drop_last=drop_last and len(pairs) > self.batch_size,
-            generator=generator,
-            collate_fn=_as_fetched,
-        )
+        return DataLoader(pairs, self.batch_size, sampler=order, drop_last=drop_last, collate_fn=_as_fetched)
 
     def _epoch(self) -> int:
         return self.trainer.current_epoch if self.trainer is not None else 0
@@ -180,3 +174,9 @@ class ViewsDataModule(LightningDataModule):
             category.elevation_deg,
             unit_fraction=category.unit_fraction,
         )
+
+
+def _there(pairs: ViewPairs | None) -> ViewPairs:
+    if pairs is None:
+        raise ValueError("setup must be called before a loader is asked for, but it was not.")
+    return pairs

@@ -13,6 +13,7 @@ from lightning.pytorch import LightningModule
 from torch import Tensor, nn
 from torchmetrics import CatMetric
 
+from kfit.core.seeds import mixed_seed
 from kfit.devices import compile_networks
 from kfit.geometry import Symmetry, rotation_from_angles
 from kfit.metrics import rotation_error_deg, summary
@@ -39,6 +40,14 @@ class Training(LightningModule):
         # In degrees; a fit that failed counts as 180. In a tuple, or it would stand among the networks that Lightning
         # lists.
         self._errors = (CatMetric(nan_strategy=180.0),)
+
+    def on_train_start(self) -> None:
+        self._seed = torch.initial_seed()
+
+    def on_train_epoch_start(self) -> None:
+        # Each epoch has its own random numbers, so that a training that goes on from a checkpoint draws what it would
+        # have drawn.
+        torch.manual_seed(mixed_seed(self._seed, self.current_epoch, f"process {self.global_rank}"))
 
     @abstractmethod
     def report(self, batch: dict[str, Tensor], stage: str) -> None:

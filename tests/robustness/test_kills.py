@@ -6,6 +6,7 @@ KFIT_KILLS times, three unless said otherwise.
 
 from __future__ import annotations
 
+import contextlib
 import os
 import random
 import signal
@@ -104,3 +105,105 @@ def test_two_processes_that_build_the_same_views_end_with_one_file(tmp_path: Pat
         "views.h5",
         "whole.h5",
     ]
+
+
+TRAINING = [
+    "fit", "--seed_everything", "0", "--trainer.accelerator", "cpu", "--trainer.enable_progress_bar", "false",
+    "--trainer.enable_model_summary", "false", "--trainer.num_sanity_val_steps", "0", "--trainer.logger", "false",
+    "--trainer.callbacks", "ModelCheckpoint", "--trainer.callbacks.filename", "last",
+    "--trainer.callbacks.enable_version_counter", "false", "--trainer.max_epochs", "4",
+    "--model", "kfit.training.PoseTraining", "--model.pose_head", "kfit.generators.PoseHead",
+    "--model.pose_head.init_args.channels", "[4, 4, 4, 4]", "--model.pose_head.init_args.hidden_dim", "8",
+    "--model.jitter", "kfit.training.Jitter", "--model.recolor", "kfit.training.Recolor",
+    "--data", "kfit.data.ViewsDataModule", "--data.num_objects", "8", "--data.num_views", "4",
+    "--data.num_val_objects", "1", "--data.batch_size", "4",
+]  # fmt: skip
+
+
+def test_a_training_goes_on_through_kills_as_if_nothing_had_been(tmp_path: Path) -> None:
+    from kfit.cli import lightning
+
+    def train(folder: Path) -> None:
+        warnings.simplefilter("ignore")
+        checkpoints = sorted(folder.rglob("last.ckpt"), key=lambda path: path.stat().st_mtime)
+        goes_on = ["--ckpt_path", str(checkpoints[-1])] if checkpoints else []
+        where = ["--data.cache_dir", str(tmp_path / "cache"), "--trainer.default_root_dir", str(folder)]
+        with open(os.devnull, "w") as nowhere, contextlib.redirect_stdout(nowhere), contextlib.redirect_stderr(nowhere):
+            lightning.run([*TRAINING, *where, *goes_on])
+
+    def weights(folder: Path) -> dict[str, torch.Tensor]:
+        newest = max(folder.rglob("last.ckpt"), key=lambda path: path.stat().st_mtime)
+        saved = torch.load(newest, weights_only=True)
+        assert saved["epoch"] == 3
+        found: dict[str, torch.Tensor] = saved["state_dict"]
+        return found
+
+    def check_checkpoints(folder: Path) -> None:
+        for path in folder.rglob("*.ckpt"):
+            torch.load(path, weights_only=True)
+
+    assert os.waitpid(start(lambda: train(tmp_path / "first")), 0)[1] == 0  # renders the views
+    begun = time.perf_counter()
+    assert os.waitpid(start(lambda: train(tmp_path / "whole")), 0)[1] == 0
+    seconds, rng, killed = time.perf_counter() - begun, random.Random(0), 0
+    whole = weights(tmp_path / "whole")
+    for number in range(KILLS):
+        folder = tmp_path / f"{number}"
+        killed += kill_and_go_on(
+            lambda folder=folder: train(folder), seconds, rng, lambda folder=folder: check_checkpoints(folder)
+        )
+        for name, tensor in weights(folder).items():
+            assert torch.equal(tensor, whole[name]), name
+    assert killed >= KILLS / 2
+
+
+def test_a_data_set_is_fitted_through_kills(tmp_path: Path) -> None:
+    from lightning import Trainer
+    from nocs_lookalike import write_frames
+
+    from kfit.generators import VAE3D, ConvEncoder, ExtentsHead
+    from kfit.models import Card, write_model
+    from kfit.models.dataset_fit import DatasetFit
+    from kfit.models.nocs_fit import NOCSFit
+
+    said = {
+        "generator": (VAE3D, {"code_dim": 4, "volume_dims": [8, 8, 4], "projection_dim": 8, "decoder_dims": [8, 8]}),
+        "encoder": (ConvEncoder, {"code_dim": 4, "channels": [8, 8, 8, 8]}),
+        "extents": (ExtentsHead, {"code_dim": 4}),
+    }
+    named = {
+        name: {"class_path": f"kfit.generators.{c.__name__}", "init_args": args} for name, (c, args) in said.items()
+    }
+    card = Card("mug", named, 4.0, 1.0, (-15.0, 75.0), "y up", "none", 0.17)
+    write_model(tmp_path / "mug.safetensors", {name: kind(**args) for name, (kind, args) in said.items()}, card)
+    write_frames(tmp_path / "nocs", [("mug", "mug"), ("mug",), ("mug", "mug", "mug"), (), ("mug",), ("mug", "mug")])
+
+    def fit(out: Path) -> None:
+        warnings.simplefilter("ignore")
+        module = DatasetFit(out, {"mug": tmp_path / "mug.safetensors"}, num_starts=2, num_steps=2)
+        trainer = Trainer(
+            accelerator="cpu", devices=1, logger=False, enable_checkpointing=False, enable_model_summary=False,
+            enable_progress_bar=False, default_root_dir=tmp_path,
+        )  # fmt: skip
+        with open(os.devnull, "w") as nowhere, contextlib.redirect_stdout(nowhere), contextlib.redirect_stderr(nowhere):
+            trainer.predict(module, datamodule=NOCSFit(tmp_path / "nocs", "real_test"), return_predictions=False)
+
+    def contents(out: Path) -> dict[str, bytes]:
+        return {path.name: path.read_bytes() for path in sorted(out.iterdir()) if path.is_file()}
+
+    begun = time.perf_counter()
+    assert os.waitpid(start(lambda: fit(tmp_path / "whole")), 0)[1] == 0
+    seconds, rng, killed = time.perf_counter() - begun, random.Random(0), 0
+    whole = contents(tmp_path / "whole")
+    assert len(whole) == 7
+    for number in range(KILLS):
+        out = tmp_path / f"{number}"
+
+        def check(out: Path = out) -> None:
+            if out.is_dir():
+                assert contents(out).items() <= whole.items()  # whole files, and the right ones
+
+        killed += kill_and_go_on(lambda out=out: fit(out), seconds, rng, check)
+        assert contents(out) == whole
+        assert not list(out.glob(f"{PARTIAL}*"))
+    assert killed >= KILLS / 2
