@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 import kfit
-from kfit.app import Drawn, Session, Sessions, session
+from kfit.app import session
+from kfit.app.session import Session, Sessions
+from kfit.app.watched import Drawn
 from kfit.models import PoseResult
 from kfit.segmentation import mask_from_box
 

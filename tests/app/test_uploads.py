@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from kfit.app import LARGEST_FILE, LARGEST_PICTURE, read_upload, uploads
+from kfit.app import uploads
+from kfit.app.uploads import LARGEST_FILE, LARGEST_PICTURE, read_upload
 
 
 def head_of_png(width, height):

@@ -5,7 +5,7 @@ import threading
 import numpy as np
 import pytest
 
-from kfit.app import watched
+from kfit.app.watched import watched
 from kfit.core import Callback, FitError
 from kfit.models import PoseResult, load
 from kfit.segmentation import Photo
