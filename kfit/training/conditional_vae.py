@@ -51,7 +51,7 @@ class ConditionalVAE(Training):
             that look at neighbourhoods see thinned pictures.
         compile: compile the networks (`torch.compile`): half a minute of waiting for about 1.7 times the speed.
             Without a C++ compiler training goes on uncompiled.
-        symmetry: of the objects, by which test tells how far rotations are off; `lightning` sets the category's.
+        symmetry: of the objects, by which test tells how far rotations are off; ``lightning`` sets the category's.
 
     Raises:
         ValueError: for loss weights of unknown names, losses of names that are taken, a ``pixel_stride`` below 1, or
@@ -80,6 +80,7 @@ class ConditionalVAE(Training):
         check_range("extents_weight", extents_weight, 0)
         check_positive("rate", rate)
         check_choice("compile", compile, (False, True))
+        check_choice("symmetry", symmetry, ("none", "y"))
         check_count("pixel_stride", pixel_stride, 1, 64)
         if pixel_stride > 1 and "pixels" not in inspect.signature(generator.forward).parameters:
             kind = type(generator).__name__
@@ -132,7 +133,7 @@ class ConditionalVAE(Training):
         """Log how well the encoder's look at one view draws another, and in test also how well poses are found.
 
         Logged are the losses, L1, SSIM and the IoU of masks, how far the extents are off, and in test what
-        `judge_rotations` tells of short fits to every fifth of the other views.
+        ``judge_rotations`` tells of short fits to every fifth of the other views.
         """
         drawn = self(batch["source"], batch["azimuth"], batch["elevation"])
         terms = self._compare(drawn, batch)

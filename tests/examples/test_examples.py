@@ -57,6 +57,7 @@ def test_two_photos_are_registered_to_a_fraction_of_a_pixel(tmp_path: Path) -> N
     assert numbers(r"gain ([\d.]+)", said)[0] == pytest.approx(0.8, abs=0.005)
 
 
+@pytest.mark.slow
 def test_the_pose_of_a_known_mesh_is_found(tmp_path: Path) -> None:
     said = run("fit_known_mesh.py", tmp_path)
     assert numbers(r"off by ([\d.]+)°", said)[0] < 3
@@ -68,6 +69,7 @@ def test_an_energy_of_ones_own_named_in_a_recipe_bears_what_l1_does_not(tmp_path
     assert own < 1.5 < plain
 
 
+@pytest.mark.slow
 def test_a_swapped_code_brings_its_colour_along(tmp_path: Path) -> None:
     before, after = numbers(r"by ([\d.]+)", run("edit_appearance.py", tmp_path))
     assert after < before / 2
@@ -78,6 +80,7 @@ def denoised(said: str) -> list[tuple[float, float]]:
     return list(zip(numbers(r"PSNR ([\d.]+)", said), numbers(r"SSIM ([\d.]+)", said), strict=True))
 
 
+@pytest.mark.slow
 def test_networks_trained_by_either_loss_take_noise_off(tmp_path: Path) -> None:
     noisy, plain, more = denoised(run("train_denoiser.py", tmp_path, "60"))
     for psnr, ssim in (plain, more):
@@ -92,6 +95,7 @@ def test_structure_and_features_keep_more_structure_than_l1_alone(tmp_path: Path
     assert min(plain[0], more[0]) > noisy[0] + 8
 
 
+@pytest.mark.slow
 def test_depth_tells_how_far_away_a_small_mug_is(tmp_path: Path) -> None:
     colour, depth = numbers(r"off by ([\d.]+) cm", run("pose_with_depth.py", tmp_path))
     assert depth < 1 < 10 < colour

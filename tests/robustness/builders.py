@@ -23,8 +23,8 @@ ROOMS = (
 # Plain values that functions give back, and files' readers, whose files tests of their own damage.
 ASIDE = {
     "Alternative", "Card", "Category", "Detections", "Evaluation", "FitError", "FitResult", "FitState", "Followed",
-    "Follower", "History", "MaskRCNN", "Mesh", "NOCSFrame", "NOCSFrames", "NOCSObject", "NOCSPrediction", "NOCSScores",
-    "Observation", "OnnxGenerator", "OnnxNetwork", "Photo", "PoseResult", "Rendering", "SalientObject", "Segment",
+    "Follower", "Frame", "History", "MaskRCNN", "Mesh", "NOCSFrame", "NOCSFrames", "NOCSObject", "NOCSPrediction",
+    "NOCSScores", "Observation", "OnnxGenerator", "OnnxNetwork", "Photo", "PoseResult", "Rendering", "SalientObject", "Segment",
     "View", "ViewPairs", "Views", "YoloSeg", "CategoryModel", "Evaluate",
 }  # fmt: skip
 EYES, ONES, MANY = torch.eye(3).repeat(2, 1, 1), torch.ones(2), np.eye(20, 3)

@@ -37,7 +37,11 @@ FEW = settings(max_examples=24, derandomize=True, deadline=None, database=None, 
 PARTS = classes() | functions()
 ASKED = [(part, name) for part, (call, _) in PARTS.items() for name in scalars(call)]
 FETCHED = ("VGG16", "VGG19", "AlexNet", "LPIPS")
-ENDS = (FileNotFoundError, FileExistsError)  # files that are not there, which is not what is asked here
+ENDS = (
+    FileNotFoundError,
+    FileExistsError,
+    NotADirectoryError,
+)  # files that are not there, which is not what is asked here
 
 
 @pytest.fixture(autouse=True)
