@@ -24,8 +24,8 @@ ROOMS = (
 ASIDE = {
     "Alternative", "Card", "Category", "Detections", "Evaluation", "FitError", "FitResult", "FitState", "Followed",
     "Follower", "Frame", "History", "MaskRCNN", "Mesh", "NOCSFrame", "NOCSFrames", "NOCSObject", "NOCSPrediction",
-    "NOCSScores", "Observation", "OnnxGenerator", "OnnxNetwork", "Photo", "PoseResult", "Rendering", "SalientObject", "Segment",
-    "View", "ViewPairs", "Views", "YoloSeg", "CategoryModel", "Evaluate",
+    "NOCSScores", "Observation", "OnnxGenerator", "OnnxNetwork", "Photo", "PoseResult", "Rendering", "SalientObject",
+    "Segment", "View", "ViewPairs", "Views", "YoloSeg", "CategoryModel", "Evaluate",
 }  # fmt: skip
 EYES, ONES, MANY = torch.eye(3).repeat(2, 1, 1), torch.ones(2), np.eye(20, 3)
 
