@@ -136,8 +136,7 @@ class FitPipeline(nn.Module):
         on a GPU; on a CPU it did not pay. Without a C++ compiler fits go on uncompiled.
 
         Args:
-            kwargs: as `torch.compile` takes them; a mode with CUDA graphs fails, as one network's output is another's
-                input.
+            kwargs: as `torch.compile` takes them; modes with CUDA graphs fail, as one network draws for another.
         """
         networks = (module for module in self.energies.modules() if isinstance(module, FeatureNetwork))
         compile_networks(self.generator, *networks, **kwargs)

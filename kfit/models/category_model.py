@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
@@ -29,13 +28,14 @@ from kfit.core import (
 )
 from kfit.energies import CodePrior, Depth, PosePrior
 from kfit.generators import ExtentsHead, MetricDepth, SimilarityWarp
-from kfit.geometry import Crop, diagonal_at, pose_from_crop, to_opencv
+from kfit.geometry import Crop, diagonal_at, pose_from_crop
 from kfit.initializers import Constant, EncoderPosterior, FromDepth, PosePosterior, SphereGrid
-from kfit.models.alternatives import Verdict, alternatives, fitted_rotations, seen_share, warning
-from kfit.models.calibration import DOUBTFUL, confidence
+from kfit.models.alternatives import Verdict, alternatives, seen_share, warning
+from kfit.models.answering import answer_of
+from kfit.models.calibration import confidence
 from kfit.models.card import Card
 from kfit.models.pose_result import PoseResult
-from kfit.models.sighting import PLAIN, Sighting
+from kfit.models.sighting import Sighting
 from kfit.models.usual_fit import BETAS, CAREFUL, DEPTH_RATES, DEPTH_WEIGHT, RATES, usual_energies
 from kfit.optimizers import Adam
 from kfit.pipeline import FitPipeline
@@ -246,40 +246,8 @@ class CategoryModel:
         looks = self.looks(torch.cat([one.observation.image for one in seen]))
         fit = fit.to("cpu")
         return [
-            self._answer(fit.of(n), one, extents[n], drawn[n], None if looks is None else looks[n : n + 1])
+            answer_of(self, fit.of(n), one, extents[n], drawn[n], None if looks is None else looks[n : n + 1])
             if fit.start[n] >= 0
             else None
             for n, one in enumerate(seen)
         ]
-
-    def _answer(
-        self, fit: FitResult, seen: Sighting, extents: Tensor, drawing: Tensor, looks: Tensor | None
-    ) -> PoseResult:
-        rotation, translation, diagonal = self.placed(fit.values, seen.crop, seen.intrinsics)
-        # From the crop's virtual camera to the photo's: the same turn for every start, up to their shifts.
-        turn = rotation[0] @ to_opencv(fitted_rotations(fit.values))[0].mT
-        verdict = self.judged(fit, turn, looks)
-        rows, columns = (np.flatnonzero((seen.mask > 0.5).any(axis)) for axis in (1, 0))
-        left, top = int(columns[0]), int(rows[0])
-        return PoseResult(
-            category=self.card.category,
-            rotation=rotation[0].numpy(),
-            translation=translation[0].numpy(),
-            size=(extents * diagonal).numpy(),
-            size_from="depth" if "distance" in fit.values else "mean size",
-            bbox_xywh=(left, top, int(columns[-1]) + 1 - left, int(rows[-1]) + 1 - top),
-            energy=float(fit.energy[0]),
-            confidence=min(verdict.confidence, DOUBTFUL) if PLAIN in seen.notes else verdict.confidence,
-            ambiguous=verdict.ambiguity is not None,
-            alternatives=verdict.alternatives,
-            intrinsics=seen.intrinsics.double().numpy(),
-            intrinsics_from=seen.intrinsics_from,
-            notes=[*seen.notes, *(note for note in (verdict.doubt, verdict.ambiguity) if note is not None)],
-            image=seen.image,
-            mask=seen.mask,
-            crop=seen.crop,
-            observation=seen.observation,
-            drawing=drawing.numpy(),
-            fit=fit,
-            draw=self.draw,
-        )
