@@ -158,7 +158,7 @@ class TestOversampling:
         ({"picture": torch.rand(20, 30)}, ValueError, r"picture must have shape \(C, H, W\)"),
         ({"picture": torch.zeros(3, 4, 4, dtype=torch.uint8)}, TypeError, "picture must be a floating-point tensor"),
         ({"motion": "rigid"}, ValueError, "motion must be one of similarity, affine, homography, got 'rigid'"),
-        ({"oversampling": 0}, ValueError, "oversampling must be at least 1, got 0"),
+        ({"oversampling": 0}, ValueError, "oversampling must lie between 1 and 16, got 0"),
         ({"fill": torch.rand(3, 4, 4)}, ValueError, r"fill must have shape \(3, 20, 30\)"),
         ({"mask": torch.rand(3, 20, 30)}, ValueError, r"mask must have shape \(1, 20, 30\)"),
     ],
