@@ -44,10 +44,11 @@ class Training(LightningModule):
     def on_train_start(self) -> None:
         self._seed = torch.initial_seed()
 
-    def on_train_epoch_start(self) -> None:
-        # Each epoch has its own random numbers, so that a training that goes on from a checkpoint draws what it would
+    def on_train_batch_start(self, batch: Any, batch_idx: int) -> None:
+        # Each step has its own random numbers, so that a training that goes on from a checkpoint draws what it would
         # have drawn.
-        torch.manual_seed(mixed_seed(self._seed, self.current_epoch, f"process {self.global_rank}"))
+        step = f"process {self.global_rank}, batch {batch_idx}"
+        torch.manual_seed(mixed_seed(self._seed, self.current_epoch, step))
 
     @abstractmethod
     def report(self, batch: dict[str, Tensor], stage: str) -> None:
