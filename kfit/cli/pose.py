@@ -17,6 +17,9 @@ from jsonargparse import ArgumentParser, Namespace
 from kfit.cli.session import log
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from kfit.models import PoseResult
 
 
@@ -117,8 +120,7 @@ def parser() -> ArgumentParser:
 
 def run(said: Namespace) -> None:
     """Answer, write the files, and print."""
-    if (said.category is None) == (said.model is None):
-        raise ValueError("say what the object is: either --category NAME or --model FILE.safetensors")
+    check_thing(said)
     if said.mask is not None and (said.box is not None or said.segmenter is not None):
         other = "--segmenter" if said.box is None else "--box"
         raise ValueError(f"--mask and {other} were both given; the object is told by one of them")
@@ -126,21 +128,14 @@ def run(said: Namespace) -> None:
         raise ValueError("--fit and --depth were both given; a recipe fits colour alone")
     if said.report is not None and Path(said.report).suffix.lower() not in (".html", ".htm"):
         raise ValueError(f"--report must name an .html file, got {said.report!r}")
-    import numpy as np
-
     from kfit.models import load
     from kfit.segmentation import depth_from_file, mask_from_file, read_photo
 
-    if said.model is not None and not said.model.endswith(".safetensors"):
-        raise ValueError(f"--model must name a .safetensors file, got {said.model}")
     model = load(said.model or said.category)
     photo = read_photo(said.photo)
     mask = None if said.mask is None else mask_from_file(said.mask, photo.image.shape[:2])
     depth = None if said.depth is None else depth_from_file(said.depth, photo.image.shape[:2])
-    camera = None
-    if said.intrinsics is not None:
-        fx, fy, cx, cy = said.intrinsics
-        camera = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+    camera = camera_of(said)
     if said.animation is not None:
         from kfit.reports.animation import check_suffix
 
@@ -201,6 +196,24 @@ def command(said: Namespace) -> str:
                 [] if value is True else [f"{part:g}" for part in value] if isinstance(value, list) else [str(value)]
             )
     return shlex.join(words)
+
+
+def check_thing(said: Namespace) -> None:
+    """Refuse words that do not tell what the object is by one of --category and --model."""
+    if (said.category is None) == (said.model is None):
+        raise ValueError("say what the object is: either --category NAME or --model FILE.safetensors")
+    if said.model is not None and not said.model.endswith(".safetensors"):
+        raise ValueError(f"--model must name a .safetensors file, got {said.model}")
+
+
+def camera_of(said: Namespace) -> NDArray[np.float64] | None:
+    """The (3, 3) matrix of --intrinsics, where they are given."""
+    import numpy as np
+
+    if said.intrinsics is None:
+        return None
+    fx, fy, cx, cy = said.intrinsics
+    return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
 
 
 def write(result: PoseResult, folder: Path, others: Mapping[str, Callable[[Path], object]]) -> Path:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 from jsonargparse import ArgumentParser, Namespace
 
+from kfit.cli.pose import camera_of, check_thing
 from kfit.cli.session import log, progress
 
 if TYPE_CHECKING:
@@ -79,10 +80,7 @@ def parser() -> ArgumentParser:
 
 def run(said: Namespace) -> None:
     """Follow, write the two files, and print."""
-    if (said.category is None) == (said.model is None):
-        raise ValueError("say what the object is: either --category NAME or --model FILE.safetensors")
-    if said.model is not None and not said.model.endswith(".safetensors"):
-        raise ValueError(f"--model must name a .safetensors file, got {said.model}")
+    check_thing(said)
     told = [name for name in ("mask", "masks", "box", "segmenter") if said[name] is not None]
     if len(told) > 1 and told != ["box", "segmenter"]:
         raise ValueError(f"--{told[0]} and --{told[1]} were both given; the object is told by one of them")
@@ -187,14 +185,9 @@ class Video:
 
     def first(self, frame: Frame, mask: NDArray[np.float32] | None) -> PoseResult:
         """The answer to the first frame."""
-        import numpy as np
-
-        camera, said = None, self.said
-        if said.intrinsics is not None:
-            fx, fy, cx, cy = said.intrinsics
-            camera = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+        said = self.said
         box = None if said.box is None else tuple(said.box)
-        return self.model.pose(frame.photo, mask, box, camera, segmenter=said.segmenter, seed=said.seed)
+        return self.model.pose(frame.photo, mask, box, camera_of(said), segmenter=said.segmenter, seed=said.seed)
 
     def show(self, video: VideoFile, frame: Frame, answer: Followed, number: int) -> None:
         """Add a frame to the video."""
