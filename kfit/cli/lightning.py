@@ -9,14 +9,16 @@ import warnings
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from jsonargparse import ArgumentError
 from lightning.pytorch import Callback, LightningDataModule, LightningModule, Trainer
 from lightning.pytorch.callbacks import LearningRateMonitor
-from lightning.pytorch.cli import LightningCLI
+from lightning.pytorch.cli import LightningArgumentParser, LightningCLI
 from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger
 
 from kfit.cli.help_page import HelpPage
 from kfit.cli.session import session
 from kfit.geometry.categories import CATEGORIES, Category
+from kfit.mistakes import sentence
 from kfit.training import ConditionalVAE, PictureGrid
 
 # Arguments of the model's parts that the category of the data decides, where a part has such an argument.
@@ -50,6 +52,21 @@ NEEDLESS_ELSEWHERE = (
 
 
 class _CLI(LightningCLI):
+    def parse_arguments(self, parser: LightningArgumentParser, args: Any) -> None:
+        """Understand the words, or raise a ValueError of one sentence."""
+        try:
+            super().parse_arguments(parser, args)
+        except (ArgumentError, TypeError) as error:
+            command = " ".join(["kfit", *(word for word in args[:1] if word in COMMANDS)])
+            raise ValueError(f"{sentence(str(error))}; `{command} --help` tells more") from None
+
+    def instantiate_classes(self) -> None:
+        """Build the parts; of what one of them refuses, the sentence that it says."""
+        try:
+            super().instantiate_classes()
+        except ValueError as error:
+            raise ValueError(sentence(str(error))) from error
+
     def before_instantiate_classes(self) -> None:
         if self.subcommand == "predict":
             self.save_config_callback = None  # it would write into the working folder; results tell their settings
@@ -120,12 +137,13 @@ def run(words: Sequence[str], callbacks: Sequence[Callback] = ()) -> None:
         seed_everything_default=0,
         trainer_defaults=defaults or None,
         save_config_kwargs={"overwrite": True},
-        # The usage that would be listed otherwise names some eighty options before it comes to what is wrong.
+        # The usage that would be listed otherwise names some eighty options.
         parser_kwargs={
             "prog": "kfit",
             "formatter_class": HelpPage,
+            "exit_on_error": False,
             **{
-                name: {"usage": f"kfit {name} -c RECIPE [--OPTION VALUE …]", "epilog": f"example:\n  {example}"}
+                name: {"exit_on_error": False, "usage": f"kfit {name} -c RECIPE [--OPTION VALUE …]", "epilog": f"example:\n  {example}"}
                 for name, example in COMMANDS.items()
             },
         },

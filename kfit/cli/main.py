@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 
 from jsonargparse import ArgumentError, ArgumentParser, Namespace
 
@@ -10,6 +11,7 @@ from kfit import __version__
 from kfit.cli import app, bench, calibrate, completion, evaluate, export, info, pack, pose, video
 from kfit.cli.help_page import HelpPage
 from kfit.cli.session import ENDINGS, add_general_options, session
+from kfit.mistakes import sentence
 
 TRAINING = {
     "fit": "Train networks as a recipe says, by Lightning.",
@@ -60,7 +62,31 @@ def parser() -> ArgumentParser:
         commands.add_subcommand(name, training, help=told)
     for one in tree(top):
         add_general_options(one)
+        one.allow_abbrev = False  # jsonargparse would accept and deprecate them
     return top
+
+
+def check_places(said: Namespace) -> None:
+    """Refuse places to write to that cannot be written to, before any work is done.
+
+    Raises:
+        ValueError, OSError: naming the option.
+    """
+    if "subcommand" in said:
+        said = said[said.subcommand]
+    for name in ("out", "runs", "cache", "report", "animation"):
+        if (place := said.get(name)) is None:
+            continue
+        if not place:
+            raise ValueError(f"--{name} must name a place to write to, got ''")
+        from kfit.core.whole_files import check_folder
+
+        path = Path(place)
+        if name in ("report", "animation") or path.suffix == ".safetensors":
+            if path.is_dir():
+                raise ValueError(f"--{name} must name a file, but {path} is a folder")
+            path = path.parent
+        check_folder(f"--{name}", path)
 
 
 def tree(parser: ArgumentParser) -> Iterator[ArgumentParser]:
@@ -89,7 +115,12 @@ def main(args: Sequence[str] | None = None) -> None:
             said = parser().parse_args(words)
         except ArgumentError as error:
             named = [word for word, known in zip(words, (COMMANDS, bench.BENCHMARKS), strict=False) if word in known]
-            told = " ".join(str(error).split())  # jsonargparse breaks its lines
-            raise ValueError(f"{told}; `{' '.join(['kfit', *named])} --help` tells more") from None
+            told = sentence(str(error))
+            key = told.partition(" ")[0].replace("_", "-")
+            option = any(f"--{key}" in part._option_string_actions for part in tree(parser()))
+            raise ValueError(
+                f"{f'--{key}{told[len(key):]}' if option else told}; `{' '.join(['kfit', *named])} --help` tells more"
+            ) from None
         chosen: Namespace = said[said.subcommand]
+        check_places(chosen)
         COMMANDS[said.subcommand].run(chosen)

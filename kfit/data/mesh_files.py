@@ -48,7 +48,7 @@ def load_mesh(path: str | Path) -> Mesh:
 
     Raises:
         FileNotFoundError: If there is no such file.
-        ValueError: If the file's name ends otherwise, it cannot be read, or it holds no triangles.
+        ValueError: If the file's name ends otherwise, it cannot be read, or it holds no triangles with an area.
     """
     path = Path(path)
     if not path.is_file():
@@ -70,7 +70,14 @@ def load_mesh(path: str | Path) -> Mesh:
     largest = max(float(np.abs(geometry.vertices).max()) for geometry in geometries)
     if not largest < _FARTHEST:
         raise ValueError(f"path must hold finite vertices, but {path} has one at {largest:g}.")
-    return join([_part(geometry) for geometry in geometries])
+    for geometry in geometries:
+        if geometry.faces.min() < 0 or geometry.faces.max() >= len(geometry.vertices):
+            raise ValueError(f"path must hold whole triangles, but {path} has some of vertices that are not there.")
+    mesh = join([_part(geometry) for geometry in geometries])
+    corners = mesh.vertices[mesh.faces]
+    if not np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).any():
+        raise ValueError(f"path must hold triangles with an area, but {path} has none.")
+    return mesh
 
 
 def _part(geometry: trimesh.Trimesh) -> Mesh:
@@ -155,8 +162,8 @@ def _material_texture(material: object) -> np.ndarray:
         tint = tint / 255
     if image is None:
         return np.broadcast_to((tint * 255 + 0.5).astype(np.uint8), (4, 4, 3)).copy()
-    picture = np.asarray(image.convert("RGB"), np.uint8)
-    return _shrunk((picture * tint).astype(np.uint8))
+    picture = _shrunk(np.asarray(image.convert("RGB"), np.uint8))
+    return (picture * tint).astype(np.uint8)
 
 
 def _shrunk(picture: np.ndarray) -> np.ndarray:
