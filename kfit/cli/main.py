@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -31,6 +32,7 @@ COMMANDS = {
     "info": info,
     "completion": completion,
 }
+MOST = 10**9
 EXAMPLES = """examples:
   kfit pose photo.jpg --category mug --box 120 80 300 260
   kfit fit -c recipes/smoke.yaml
@@ -66,14 +68,29 @@ def parser() -> ArgumentParser:
     return top
 
 
+def check_numbers(said: Namespace) -> None:
+    """Refuse numbers that are infinite or NaN, which YAML spells .inf and .nan, and counts and seeds out of all range.
+
+    Raises:
+        ValueError: naming the option.
+    """
+    for name, value in said.items():
+        option = f"--{name.replace('_', '-')}"
+        for number in value if isinstance(value, list) else [value]:
+            if isinstance(number, float) and not math.isfinite(number):
+                raise ValueError(f"{option} must be finite, got {number}")
+            if name == "seed" and not 0 <= number < 2**63:
+                raise ValueError(f"{option} must lie between 0 and 2^63 - 1, got {number}")
+            if name != "seed" and isinstance(number, int) and abs(number) > MOST:
+                raise ValueError(f"{option} must be at most {MOST:,}, got {number:,}")
+
+
 def check_places(said: Namespace) -> None:
     """Refuse places to write to that cannot be written to, before any work is done.
 
     Raises:
         ValueError, OSError: naming the option.
     """
-    if "subcommand" in said:
-        said = said[said.subcommand]
     for name in ("out", "runs", "cache", "report", "animation"):
         if (place := said.get(name)) is None:
             continue
@@ -122,5 +139,7 @@ def main(args: Sequence[str] | None = None) -> None:
                 f"{f'--{key}{told[len(key):]}' if option else told}; `{' '.join(['kfit', *named])} --help` tells more"
             ) from None
         chosen: Namespace = said[said.subcommand]
-        check_places(chosen)
+        values = chosen[chosen.subcommand] if "subcommand" in chosen else chosen
+        check_numbers(values)
+        check_places(values)
         COMMANDS[said.subcommand].run(chosen)

@@ -64,8 +64,12 @@ def check_folder(name: str, folder: Path) -> None:
         OSError: if it, or what of the path to it exists, is no folder, or may not be written to.
     """
     there = folder.absolute()
-    while not os.path.lexists(there) and there != there.parent:
-        there = there.parent
+    try:
+        os.lstat(there)
+    except (FileNotFoundError, NotADirectoryError):
+        there = next(parent for parent in there.parents if os.path.lexists(parent))
+    except OSError as error:
+        raise OSError(f"{name}: {error.strerror}: {folder}") from None
     if not there.is_dir():
         raise OSError(f"{name} must name a folder, but {there} is none")
     if not os.access(there, os.W_OK | os.X_OK):
