@@ -38,6 +38,8 @@ def sentence(told: str) -> str:
             got = got or found[1]
         elif text and not text.startswith(LEADING):
             reasons.append((depth, path, text))
+    if not wanted and not any(path for _, path, _ in reasons):
+        return _on_one_line(told)
     deepest = max((one[0] for one in reasons + wanted), default=0)
     for depth, path, reason in reasons:
         if depth == deepest:

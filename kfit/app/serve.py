@@ -13,9 +13,9 @@ from tempfile import TemporaryDirectory
 from threading import Event
 from typing import Any
 
-from kfit.core.check import check_count
 from kfit.app.session import Sessions
 from kfit.app.uploads import LARGEST_FILE
+from kfit.core.check import check_count
 
 LOOPBACK = ("127.0.0.1", "localhost")
 # Whatever the page's scripts try, the browser asks nobody but this server. Gradio builds its templates by `Function`.

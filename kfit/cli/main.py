@@ -99,11 +99,10 @@ def check_places(said: Namespace) -> None:
         from kfit.core.whole_files import check_folder
 
         path = Path(place)
-        if name in ("report", "animation") or path.suffix == ".safetensors":
-            if path.is_dir():
-                raise ValueError(f"--{name} must name a file, but {path} is a folder")
-            path = path.parent
-        check_folder(f"--{name}", path)
+        is_file = name in ("report", "animation") or path.suffix == ".safetensors"
+        check_folder(f"--{name}", path.parent if is_file else path)
+        if is_file and path.is_dir():
+            raise ValueError(f"--{name} must name a file, but {path} is a folder")
 
 
 def tree(parser: ArgumentParser) -> Iterator[ArgumentParser]:
@@ -136,7 +135,7 @@ def main(args: Sequence[str] | None = None) -> None:
             key = told.partition(" ")[0].replace("_", "-")
             option = any(f"--{key}" in part._option_string_actions for part in tree(parser()))
             raise ValueError(
-                f"{f'--{key}{told[len(key):]}' if option else told}; `{' '.join(['kfit', *named])} --help` tells more"
+                f"{f'--{key}{told[len(key) :]}' if option else told}; `{' '.join(['kfit', *named])} --help` tells more"
             ) from None
         chosen: Namespace = said[said.subcommand]
         values = chosen[chosen.subcommand] if "subcommand" in chosen else chosen

@@ -28,7 +28,8 @@ def write_whole(folder: Path, files: Mapping[str, Callable[[Path], object]]) -> 
     new = [one for parent in parents for one in (parent, *parent.parents) if not one.exists()]
     with ExitStack() as failed:
         # Of what is not written, no folder is left either; one that is not empty stays.
-        failed.callback(lambda: [_remove(one) for one in new])
+        for one in reversed(new):  # what is called first was pushed last
+            failed.callback(_remove, one)
         with ExitStack() as stack:
             asides: dict[Path, Path] = {}
             for parent in parents:

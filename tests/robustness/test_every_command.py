@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import functools
+import logging
 import os
 import shutil
 from pathlib import Path
@@ -22,14 +23,12 @@ from kfit.cli.main import COMMANDS, main
 from kfit.pipeline import FitPipeline
 
 ROOT = Path(__file__).parents[2]
-FEW = settings(
-    max_examples=6, derandomize=True, deadline=None, database=None, suppress_health_check=list(HealthCheck)
-)
+FEW = settings(max_examples=6, derandomize=True, deadline=None, database=None, suppress_health_check=list(HealthCheck))
 RUNS = {**COMMANDS, **{f"bench {name}": part for name, part in BENCHMARKS.items()}}
 # Words without which a command is not understood.
 NEEDED = {
-    "pose": ["photo.png"], "video": ["frames"], "evaluate": ["results"], "pack": ["last.ckpt", "--out", "m.safetensors"],
-    "calibrate": ["--model", "m.safetensors"], "export": ["mug", "--out", "o"], "completion": ["bash"],
+    "pose": ["photo.png"], "video": ["frames"], "evaluate": ["results"],
+    "pack": ["last.ckpt", "--out", "m.safetensors"], "calibrate": ["--model", "m.safetensors"], "export": ["mug", "--out", "o"], "completion": ["bash"],
     "bench speed": ["--model", "m.safetensors"],
 }  # fmt: skip
 
@@ -143,7 +142,9 @@ def test_unknown_options_and_beginnings_of_known_ones_are_refused(
         assert word in refused([*name.split(), *NEEDED.get(name, []), word], capsys)
 
 
-WRITTEN = [(name, a.option_strings[0]) for name, a in OPTIONS if a.dest in ("out", "report", "animation", "runs", "cache")]
+WRITTEN = [
+    (name, a.option_strings[0]) for name, a in OPTIONS if a.dest in ("out", "report", "animation", "runs", "cache")
+]
 
 
 @pytest.mark.parametrize(("name", "option"), WRITTEN)
@@ -187,7 +188,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 # Options that name what is read, with the other words of a command that would work, and endings that they ask for.
 READ = {
-    "pose photo": ([], ""),
+    "pose photo": (["--category", "mug"], ""),
     "pose --mask": (["{}/photo.png", "--category", "mug"], ""),
     "pose --segmenter": (["{}/photo.png", "--category", "mug"], ".onnx"),
     "pose --depth": (["{}/photo.png", "--category", "mug", "--mask", "{}/mask.png"], ".npy"),
@@ -213,7 +214,12 @@ READ = {
 }
 
 
-@pytest.mark.parametrize("what", READ)
+QUICK = ("pose photo", "pose --mask", "pose --depth", "video frames", "calibrate --model")
+
+
+@pytest.mark.parametrize(
+    "what", [what if what in QUICK else pytest.param(what, marks=pytest.mark.slow) for what in READ]
+)
 def test_what_is_no_file_of_its_kind_is_refused_before_a_fit(
     what: str, files: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -280,11 +286,14 @@ TREES = {
 
 
 @pytest.mark.filterwarnings("ignore:LightningCLI's args parameter")
-@pytest.mark.parametrize("word", TREES)
+@pytest.mark.parametrize(
+    "word", [word if n < 4 else pytest.param(word, marks=pytest.mark.slow) for n, word in enumerate(TREES)]
+)
 def test_a_training_s_mistakes_are_told_in_one_sentence(
     word: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr("sys.argv", ["kfit"])
+    monkeypatch.setattr(logging, "raiseExceptions", False)  # Lightning keeps the first test's stderr
     monkeypatch.setenv("JSONARGPARSE_DEPRECATION_WARNINGS", "off")
     with pytest.raises(SystemExit) as end:
         main(["fit", "-c", str(ROOT / "recipes/smoke.yaml"), word])

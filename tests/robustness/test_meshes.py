@@ -100,7 +100,7 @@ def check_drawn(path: Path) -> None:
 
 
 def check_refused(path: Path) -> None:
-    with pytest.raises(ValueError, match="^path must hold") as said:
+    with pytest.raises(ValueError, match="path must hold") as said:
         load_mesh(path)
     assert str(path) in str(said.value)
     assert "\n" not in str(said.value)
