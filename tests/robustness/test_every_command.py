@@ -28,7 +28,8 @@ RUNS = {**COMMANDS, **{f"bench {name}": part for name, part in BENCHMARKS.items(
 # Words without which a command is not understood.
 NEEDED = {
     "pose": ["photo.png"], "video": ["frames"], "evaluate": ["results"],
-    "pack": ["last.ckpt", "--out", "m.safetensors"], "calibrate": ["--model", "m.safetensors"], "export": ["mug", "--out", "o"], "completion": ["bash"],
+    "pack": ["last.ckpt", "--out", "m.safetensors"], "calibrate": ["--model", "m.safetensors"],
+    "export": ["mug", "--out", "o"], "completion": ["bash"],
     "bench speed": ["--model", "m.safetensors"],
 }  # fmt: skip
 
