@@ -33,11 +33,12 @@ def write_whole(folder: Path, files: Mapping[str, Callable[[Path], object]]) -> 
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(place))
     with ExitStack() as stack:
         asides: dict[Path, Path] = {}
-        for parent in dict.fromkeys([folder, *(place.parent for place in places)]):
-            with _naming(parent):
-                parent.mkdir(parents=True, exist_ok=True)
-                # In the same folder, as nothing is moved whole from one file system to another.
-                asides[parent] = Path(stack.enter_context(TemporaryDirectory(prefix=PARTIAL, dir=parent)))
+        for place in places:
+            if (parent := place.parent) not in asides:
+                with _naming(place):
+                    parent.mkdir(parents=True, exist_ok=True)
+                    # In the same folder, as nothing is moved whole from one file system to another.
+                    asides[parent] = Path(stack.enter_context(TemporaryDirectory(prefix=PARTIAL, dir=parent)))
         written = [asides[place.parent] / place.name for place in places]
         for path, place, write in zip(written, places, files.values(), strict=True):
             with _naming(place):
@@ -56,8 +57,8 @@ def _naming(place: Path) -> Iterator[None]:
     """Have what the system refuses name the place, where it names nothing or what is there only meanwhile."""
     try:
         yield
-    except FileExistsError:  # what is to be a folder is none
-        raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), str(place)) from None
+    except FileExistsError as error:  # what is to be a folder is none
+        raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), error.filename) from None
     except OSError as error:
         if error.errno is None or (error.filename is not None and PARTIAL not in str(error.filename)):
             raise
