@@ -12,7 +12,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-
 CODECS = {".webm": ("VP80", "VP8"), ".mp4": ("vp09", "VP9")}
 
 

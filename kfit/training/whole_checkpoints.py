@@ -15,8 +15,8 @@ from kfit.core.whole_files import write_whole
 class WholeCheckpoints(TorchCheckpointIO):
     """Writes each checkpoint beside its place and puts it there once it is on the disk.
 
-    Lightning's own writes it to the folder of temporary files, and where that is on another disk copies it over the last
-    one: what ends the copy leaves neither.
+    Lightning writes it to the folder of temporary files, and where that is on another disk copies it over the last one:
+    what ends the copy leaves neither.
     """
 
     def save_checkpoint(self, checkpoint: dict[str, Any], path: str | Path, storage_options: Any | None = None) -> None:

@@ -37,7 +37,7 @@ SAID = {
     "extents": (ExtentsHead, {"code_dim": 4}),
 }
 # In blocks: for what is done in a moment, and how much is made each time for what takes long.
-ROOMS = (0, 1, 2, 3, 5, 8, 12, *(20 * 2**k for k in range(12)))
+ROOMS = (0, 1, 2, 5, 12, *(30 * 3**k for k in range(9)))
 ROUNDS = {"views": 30, "training": 30, "data set": 3}
 
 

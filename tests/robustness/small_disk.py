@@ -92,9 +92,12 @@ def ended(command: Callable[[], object]) -> End:
         kept = os.dup(2)
         os.dup2(told.fileno(), 2)
         try:
-            with open(2, "w", closefd=False) as stderr, contextlib.redirect_stderr(stderr):
-                with contextlib.redirect_stdout(io.StringIO()):
-                    command()
+            with (
+                open(2, "w", closefd=False) as stderr,
+                contextlib.redirect_stderr(stderr),
+                contextlib.redirect_stdout(io.StringIO()),
+            ):
+                command()
         except SystemExit as end:
             status = end.code
         finally:
