@@ -6,11 +6,12 @@ import argparse
 import logging
 import os
 import platform
+import re
 import sys
 import time
 import warnings
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any
 
 from kfit import __version__
@@ -71,7 +72,7 @@ def session(args: Sequence[str] | None) -> Iterator[list[str]]:
             try:
                 yield words
             finally:
-                sys.stdout.flush()
+                _flush()
             log.debug("done in %.1f s", time.perf_counter() - begun)
     finally:
         log.removeHandler(handler)
@@ -98,7 +99,17 @@ class _Stderr(logging.Handler):
     """Writes to what `sys.stderr` is by then: while a bar is shown, a stream that writes above it."""
 
     def emit(self, record: logging.LogRecord) -> None:
-        print(self.format(record), file=sys.stderr)
+        with suppress(OSError):  # where nothing can be told, the exit status still tells
+            print(self.format(record), file=sys.stderr)
+
+
+def _flush() -> None:
+    if sys.stdout is None:  # closed by whoever started this
+        return
+    try:
+        sys.stdout.flush()
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, "standard output") from None
 
 
 @contextmanager
@@ -117,7 +128,7 @@ def _endings(verbose: bool) -> Iterator[None]:
         code = {KeyboardInterrupt: 130, BrokenPipeError: 141}.get(type(end.__context__), end.code)  # type: ignore[arg-type]
         raise SystemExit(code) from None
     except MISTAKES as error:
-        log.error("%s", error, exc_info=verbose)
+        log.error("%s", re.sub(r"^\[Errno \d+\] ", "", str(error)), exc_info=verbose)
         raise SystemExit(2) from None
     except Exception as error:
         advice = "" if verbose else "; the same command with --verbose shows where it happened"
