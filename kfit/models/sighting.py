@@ -82,6 +82,8 @@ class Sighting:
             observation = crop.cut(pixels, found)
         else:
             observation = observed(crop, pixels, found, choose_depth(depth, found), camera.double())
+            if not bool(observation.field("depth").isfinite().any()):
+                raise ValueError(f"depth is known at too few pixels of the object: none is left in its {size} x {size}")
         if _is_plain(observation):
             notes.append(PLAIN)
         return Sighting(observation, pixels, found, crop, camera, came_from, tuple(notes))
