@@ -138,8 +138,8 @@ def _looks_energy(fit: FitResult, energy: float, known: Calibration) -> float:
     history, weights = fit.history, known.fits["weights"]
     if not set(weights) <= set(history.terms):
         return 0.0
-    winner = (history.energy.double() - energy).abs().nan_to_num(torch.inf).flatten().argmin()
-    return sum(weight * float(history.terms[name].flatten()[winner]) for name, weight in weights.items())
+    winner = int((history.energy.double() - energy).abs().nan_to_num(torch.inf).argmin())
+    return float(sum(weight * history.terms[name].flatten()[winner] for name, weight in weights.items()))
 
 
 def how_fitted(fit: FitResult, weights: dict[str, float]) -> dict[str, Any]:

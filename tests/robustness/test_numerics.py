@@ -200,21 +200,19 @@ class Height(Prior):
 class Written(Initializer):
     """Starts as the test writes them down."""
 
-    on = ("roll", "shift", "scale")
-
     def __init__(self, **values: Tensor) -> None:
-        self.values = values
+        self.values, self.on = values, tuple(values)
 
     def __call__(self, variables, observation, num_starts, rngs):
-        rows = observation.num_problems * num_starts
-        plain = {"roll": torch.zeros(rows), "shift": torch.zeros(rows, 2), "scale": torch.ones(rows)}
-        return plain | {name: value.clone() for name, value in self.values.items()}
+        return {name: value.clone() for name, value in self.values.items()}
 
 
-def written(starts: Initializer, energies: dict | None = None, **changes) -> FitPipeline:
+def written(starts: Written, energies: dict | None = None, **changes) -> FitPipeline:
     settings = {"num_starts": 3, "num_steps": 6} | changes
+    rest = {name: value for name, value in {"roll": 0.0, "shift": 0.0, "scale": 1.0}.items() if name not in starts.on}
+    initializers = [starts, *([Constant(rest)] if rest else [])]
     parts = {"l2": L2()} | (energies or {})
-    return FitPipeline(Template(picture(), "similarity"), parts, [starts], Adam(0.02), **settings)
+    return FitPipeline(Template(picture(), "similarity"), parts, initializers, Adam(0.02), **settings)
 
 
 class TestWhatIsNoNumber:
@@ -230,11 +228,17 @@ class TestWhatIsNoNumber:
         torch.testing.assert_close(found.all_energy, rows, rtol=1e-9, atol=1e-9)
 
     def test_in_a_candidate_takes_no_start_s_place(self) -> None:
-        whole = float64(0.4, 0.1, -0.1, 0.3)
-        starts = [Written(roll=whole.index_fill(0, torch.tensor([3]), broken)) for broken in (9.0, math.nan)]
-        expected, found = (written(s, num_starts=2, num_candidates=4)(moved((0,)), seed=0) for s in starts)
-        assert not found.dropped
-        assert_same(found, expected, (0,))
+        # Before white the candidate whose azimuth is no number, of which white is drawn, would be the best.
+        torch.manual_seed(2)
+        field, found = RadianceField(code_dim=2, volume_dims=(4, 3), num_samples=4, image_size=16).double(), []
+        for azimuths in ([0.4, math.nan, -0.1, 0.3], [0.4, -0.1, 0.3]):
+            starts = [Written(azimuth=float64(*azimuths)), Constant({"code": 0.0, "elevation": 0.2})]
+            fit = FitPipeline(
+                field, {"l2": L2()}, starts, Adam(0.02), num_starts=2, num_steps=3, num_candidates=len(azimuths)
+            )
+            found.append(fit(Observation(torch.ones(1, 3, 16, 16).double()), seed=0))
+        assert not found[0].dropped
+        assert_same(found[0], found[1], (0,), 1e-9)
 
     def test_in_the_best_start_does_not_end_the_others_early(self) -> None:
         # The first start is at the truth at once, so that no other is better; at the fourth look it is no number.
