@@ -1,0 +1,371 @@
+"""Slopes are right, a seed decides, and what is no number in one start or one picture reaches no other."""
+
+from __future__ import annotations
+
+import math
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from torch import Tensor
+
+import kfit
+import kfit.judge
+from kfit import FitPipeline
+from kfit.callbacks import Pruning, Stopping
+from kfit.core import FitError, FitResult, Initializer, Observation, Optimizer, Prior
+from kfit.energies import L2, Depth, Silhouette
+from kfit.generators import MetricDepth, RadianceField, SimilarityWarp, Template
+from kfit.geometry import (
+    Crop,
+    box_corners,
+    diagonal_at,
+    energy_weights,
+    log_shares,
+    pose_from_crop,
+    project,
+    rotation_error,
+    rotation_from_angles,
+    rotation_spread_deg,
+    viewing_ray,
+    viewing_ray_rotation,
+)
+from kfit.initializers import Constant, FromDepth, Uniform
+from kfit.models.sighting import Sighting
+from kfit.optimizers import CMAES, Adam, LevenbergMarquardt, Stages
+
+CAMERA = torch.tensor([[80.0, 0, 30.0], [0, 90.0, 20.0], [0, 0, 1]], dtype=torch.float64)
+CROP = Crop((34.0, 22.0), 20.0, 8)
+QUICK = settings(
+    derandomize=True, database=None, deadline=None, max_examples=25, suppress_health_check=list(HealthCheck)
+)
+TURNS = st.sampled_from([0.0, math.pi / 2, -math.pi / 2, math.pi, -math.pi]) | st.floats(-7, 7)
+
+
+def float64(*numbers: float) -> Tensor:
+    return torch.tensor(numbers, dtype=torch.float64)
+
+
+class TestSlopesAreThoseOfDifferences:
+    @QUICK
+    @given(TURNS, TURNS, TURNS)
+    def test_of_rotations_at_any_angles(self, azimuth: float, elevation: float, roll: float) -> None:
+        angles = [float64(angle).requires_grad_() for angle in (azimuth, elevation, roll)]
+        assert torch.autograd.gradcheck(rotation_from_angles, angles)
+
+    @QUICK
+    @given(TURNS, TURNS, TURNS)
+    def test_of_a_pose_read_off_a_crop_at_any_angles(self, azimuth: float, elevation: float, roll: float) -> None:
+        values = [float64(azimuth), float64(elevation), float64(roll), float64(0.1, -0.3)[None], float64(1.2)]
+
+        def pose(*values: Tensor) -> tuple[Tensor, Tensor]:
+            return pose_from_crop(*values, CROP, CAMERA, 0.2)
+
+        assert torch.autograd.gradcheck(pose, [value.requires_grad_() for value in values])
+
+    @pytest.mark.parametrize(
+        ("function", "given"),
+        [
+            (lambda pixel: viewing_ray(pixel, CAMERA), [float64(3.0, 9.0)]),
+            (lambda pixel: viewing_ray_rotation(pixel, CAMERA), [float64(3.0, 9.0)]),
+            (lambda pixel: viewing_ray_rotation(pixel, CAMERA), [float64(30.0, 20.0)]),  # on the axis
+            (lambda d, s, k: diagonal_at(d, s, k, CROP, CAMERA), [float64(0.7), float64(0, 0.2)[None], float64(1.1)]),
+            (lambda t, size: box_corners(torch.eye(3).double(), t, size), [float64(0, 0, 1), float64(1, 2, 3)]),
+            (lambda points: project(points, CAMERA), [float64(0.1, 0.2, 1.0)[None]]),
+            (lambda a, e: log_shares(a, e, float64(-2, 0, 2), float64(0, 1), 0.1), [float64(math.pi), float64(9.0)]),
+            (energy_weights, [float64(1.0, 1.1, 3.0)]),
+        ],
+    )
+    def test_of_cameras_and_boxes(self, function, given) -> None:
+        assert torch.autograd.gradcheck(function, [value.clone().requires_grad_() for value in given])
+
+    def test_of_a_crop_which_is_a_mean_of_pixels(self) -> None:
+        photo, step, mask = 0.4 + 0.2 * torch.rand(40, 60, 3), 0.1 * torch.rand(40, 60, 3), torch.ones(40, 60)
+        share = torch.rand(1, 3, 8, 8)
+        (slope,) = torch.autograd.grad((CROP.cut(photo.requires_grad_(), mask).image * share).sum(), photo)
+        difference = (CROP.cut(photo + step, mask).image - CROP.cut(photo, mask).image) * share
+        torch.testing.assert_close((slope * step).sum(), difference.sum(), rtol=1e-4, atol=0)
+
+    @pytest.mark.parametrize("symmetry", ["none", "y"])
+    @pytest.mark.parametrize("apart", [0.0, 1e-9, 1.0, math.pi - 1e-9, math.pi])
+    def test_of_an_angle_between_rotations_are_finite_even_at_none_and_half_a_turn(self, symmetry, apart) -> None:
+        angle = float64(apart).requires_grad_()
+        one, other = rotation_from_angles(float64(0.3), angle, float64(0.0)), rotation_from_angles(*float64(0.3, 0, 0))
+        error = rotation_error(one, other, symmetry)
+        (slope,) = torch.autograd.grad(error.sum(), angle)
+        assert float(error.detach()) == pytest.approx(apart, abs=1e-7)
+        # At neither end it has a slope, only bounds of it.
+        assert abs(float(slope)) == pytest.approx(1.0, abs=1e-6) or (apart in (0.0, math.pi) and abs(float(slope)) <= 1)
+        spread = rotation_spread_deg(one.detach(), float64(1.0), other, symmetry)
+        assert float(spread) == pytest.approx(math.degrees(apart), abs=1e-5)
+
+
+def picture() -> Tensor:
+    grid = torch.linspace(-2, 2, 12, dtype=torch.float64)
+    return torch.stack([torch.outer((k * grid).sin(), (grid + k).cos()) for k in (1, 2, 3)]) / 2 + 0.5
+
+
+def moved(rows: Sequence[int] = (0, 1, 2)) -> Observation:
+    """The picture turned, shifted and scaled in three ways."""
+    truth = {
+        "roll": float64(0.2, -0.3, 0.1),
+        "shift": torch.stack([float64(0.1, -0.1), float64(0.0, 0.2), float64(-0.1, 0.05)]),
+        "scale": float64(1.1, 0.9, 1.0),
+    }
+    drawn = Template(picture(), "similarity")(**truth)
+    return Observation(drawn.image[list(rows)], keys=tuple((4, 9, 11)[row] for row in rows))
+
+
+def registration(optimizer: Optimizer, **changes) -> FitPipeline:
+    settings = {"num_starts": 4, "num_steps": 8, "callbacks": [Pruning({4: 2})]} | changes
+    starts = [Uniform("roll", -0.3, 0.3), Uniform("shift", -0.2, 0.2), Constant({"scale": 1.0})]
+    return FitPipeline(Template(picture(), "similarity"), {"l2": L2()}, starts, optimizer, **settings)
+
+
+def assert_same(found: FitResult, whole: FitResult, rows: Sequence[int], tolerance: float = 0.0) -> None:
+    """Problems 0, 1, … of one fit ended as those of ``rows`` in the other: winners, their starts and all paths."""
+    assert found.start.tolist() == whole.start[list(rows)].tolist()
+    torch.testing.assert_close(found.energy, whole.energy[list(rows)], rtol=tolerance, atol=tolerance)
+    for name, value in found.values.items():
+        torch.testing.assert_close(value, whole.values[name][list(rows)], rtol=tolerance, atol=tolerance)
+    path = whole.history.energy[: len(found.history.energy), list(rows)]
+    torch.testing.assert_close(found.history.energy, path, rtol=tolerance, atol=tolerance, equal_nan=True)
+
+
+def of(result: FitResult, rows: Sequence[int]) -> FitResult:
+    """Winners and paths of some problems."""
+    picked = list(rows)
+    history = replace(result.history, energy=result.history.energy[:, picked])
+    values = {name: value[picked] for name, value in result.values.items()}
+    return replace(result, values=values, energy=result.energy[picked], start=result.start[picked], history=history)
+
+
+RANDOM = [
+    CMAES(0.05),
+    Stages([(Adam(0.02), 3), (LevenbergMarquardt(), 2), (CMAES(0.01), 2)]),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("optimizer", RANDOM, ids=lambda optimizer: type(optimizer).__name__)
+class TestASeedDecides:
+    def test_every_bit_whatever_was_drawn_and_fitted_before(self, optimizer) -> None:
+        first = registration(optimizer)(moved(), seed=2)
+        torch.manual_seed(99)
+        torch.rand(17)
+        registration(Adam(0.1))(moved(), seed=5)
+        assert_same(registration(optimizer)(moved(), seed=2), first, (0, 1, 2))
+
+    @pytest.mark.parametrize("rows", [(0,), (1,), (2,), (2, 0), (1, 2, 0)])
+    def test_a_problem_s_answer_alone_and_at_any_place_of_a_batch(self, optimizer, rows) -> None:
+        whole = registration(optimizer)(moved(), seed=2)
+        assert_same(registration(optimizer)(moved(rows), seed=2), whole, rows, 1e-9)
+
+    @pytest.mark.parametrize("pictures", [1, 2, 1000])
+    def test_an_answer_that_chunks_of_any_size_give(self, optimizer, pictures, monkeypatch) -> None:
+        whole = registration(optimizer)(moved(), seed=2)
+        monkeypatch.setitem(kfit.judge.CHUNK_PIXELS, "cpu", pictures * 12 * 12)
+        assert_same(registration(optimizer)(moved(), seed=2), whole, (0, 1, 2), 1e-9)
+
+    def test_an_answer_that_more_threads_give(self, optimizer) -> None:
+        threads, found = torch.get_num_threads(), []
+        try:
+            for count in (1, 2):
+                torch.set_num_threads(count)
+                found.append(registration(optimizer)(moved(), seed=2))
+        finally:
+            torch.set_num_threads(threads)
+        assert_same(found[0], found[1], (0, 1, 2), 1e-9)
+
+
+class Height(Prior):
+    """Nothing, but at one look, counted from 0, no number where roll is above a height."""
+
+    on = "roll"
+
+    def __init__(self, height: float, look: int) -> None:
+        super().__init__()
+        self.height, self.left = height, look + 1
+
+    def forward(self, value: Tensor, prepared: None = None) -> Tensor:
+        self.left -= 1
+        return torch.where((value > self.height) & (self.left == 0), torch.nan, 0 * value)
+
+
+class Written(Initializer):
+    """Starts as the test writes them down."""
+
+    def __init__(self, **values: Tensor) -> None:
+        self.values, self.on = values, tuple(values)
+
+    def __call__(self, variables, observation, num_starts, rngs):
+        return {name: value.clone() for name, value in self.values.items()}
+
+
+def written(starts: Written, energies: dict | None = None, **changes) -> FitPipeline:
+    settings = {"num_starts": 3, "num_steps": 6} | changes
+    rest = {name: value for name, value in {"roll": 0.0, "shift": 0.0, "scale": 1.0}.items() if name not in starts.on}
+    initializers = [starts, *([Constant(rest)] if rest else [])]
+    parts = {"l2": L2()} | (energies or {})
+    return FitPipeline(Template(picture(), "similarity"), parts, initializers, Adam(0.02), **settings)
+
+
+class TestWhatIsNoNumber:
+    @pytest.mark.parametrize("broken", [math.nan, math.inf])
+    @pytest.mark.parametrize("name", ["roll", "shift", "scale"])
+    def test_in_a_start_is_dropped_and_reported_and_the_others_walk_on(self, name, broken) -> None:
+        whole = {"roll": float64(0.1, 0.0, -0.1, 0.2, 0.3, -0.2), "shift": torch.zeros(6, 2), "scale": torch.ones(6)}
+        spoilt = whole | {name: whole[name].index_fill(0, torch.tensor([1]), broken)}
+        expected, found = (written(Written(**values))(moved((0, 1)), seed=0) for values in (whole, spoilt))
+        assert found.dropped == [(0, 1, 0)]
+        assert found.all_start.tolist() == [0, 2, 0, 1, 2]
+        rows = expected.all_energy[[0, 2, 3, 4, 5]]
+        torch.testing.assert_close(found.all_energy, rows, rtol=1e-9, atol=1e-9)
+
+    def test_in_a_candidate_takes_no_start_s_place(self) -> None:
+        # Before white the candidate whose azimuth is no number, of which white is drawn, would be the best.
+        torch.manual_seed(2)
+        field, found = RadianceField(code_dim=2, volume_dims=(4, 3), num_samples=4, image_size=16).double(), []
+        for azimuths in ([0.4, math.nan, -0.1, 0.3], [0.4, -0.1, 0.3]):
+            starts = [Written(azimuth=float64(*azimuths)), Constant({"code": 0.0, "elevation": 0.2})]
+            fit = FitPipeline(
+                field, {"l2": L2()}, starts, Adam(0.02), num_starts=2, num_steps=3, num_candidates=len(azimuths)
+            )
+            found.append(fit(Observation(torch.ones(1, 3, 16, 16).double()), seed=0))
+        assert not found[0].dropped
+        assert_same(found[0], found[1], (0,), 1e-9)
+
+    def test_in_the_best_start_does_not_end_the_others_early(self) -> None:
+        # The first start is at the truth at once, so that no other is better; at the fourth look it is no number.
+        starts = Written(
+            roll=float64(0.2, -0.3, -0.2), shift=torch.stack([float64(0.1, -0.1)] * 3), scale=1.1 * torch.ones(3)
+        )
+        stopping = {"callbacks": [Stopping(0.01, patience=4)], "num_steps": 12}
+        found = written(starts, {"height": Height(0.15, look=3)}, **stopping)(moved((0,)), seed=0)
+        assert found.dropped[0] == (0, 0, 3)
+        rest = Written(roll=float64(-0.3, -0.2), shift=torch.stack([float64(0.1, -0.1)] * 2), scale=1.1 * torch.ones(2))
+        alone = written(rest, num_starts=2, **stopping)(moved((0,)), seed=0)
+        assert len(alone.history.energy) == 13
+        torch.testing.assert_close(found.history.energy[:, :, 1:], alone.history.energy, rtol=1e-9, atol=1e-9)
+
+    def test_in_all_starts_is_a_sentence(self) -> None:
+        with pytest.raises(FitError, match="every start of every problem became NaN or infinite by step 0"):
+            written(Written(scale=torch.full((6,), math.nan)))(moved((0, 1)), seed=0)
+
+    @pytest.mark.parametrize("broken", [math.nan, math.inf, -math.inf])
+    @pytest.mark.parametrize("name", ["image", "mask", "depth", "weight"])
+    def test_in_a_picture_leaves_the_other_pictures_their_answers(self, name, broken) -> None:
+        fit, whole = in_depth(), with_depth()
+        expected = fit(whole, seed=1)
+        spoilt = with_depth()
+        getattr(spoilt, name)[1] = broken
+        found = fit(spoilt, seed=1)
+        assert_same(of(found, (0, 2)), expected, (0, 2), 1e-9)
+        assert int(found.start[1]) == -1 or name == "depth"
+
+    def test_in_all_depth_of_all_pictures_is_a_sentence(self) -> None:
+        seen = with_depth()
+        seen.depth[:] = math.nan
+        with pytest.raises(ValueError, match="FromDepth: depth must be known somewhere, got"):
+            in_depth()(seen, seed=1)
+
+
+def in_depth() -> FitPipeline:
+    """A fit of all that can be seen, depth too."""
+    torch.manual_seed(2)
+    field = RadianceField(code_dim=2, volume_dims=(4, 3), num_samples=4, image_size=16).double()
+    starts = [
+        Uniform("code", -0.5, 0.5), Uniform("azimuth", -3.0, 3.0), Uniform("elevation", 0.0, 1.0),
+        Constant({"roll": 0.0, "shift": 0.0, "scale": 1.0}), FromDepth(1.0),
+    ]  # fmt: skip
+    energies = {"image": L2(), "mask": Silhouette(), "depth": Depth()}
+    return FitPipeline(MetricDepth(SimilarityWarp(field)), energies, starts, Adam(0.02), num_starts=3, num_steps=4)
+
+
+def with_depth() -> Observation:
+    rng = torch.Generator().manual_seed(0)
+    image, mask, depth = (torch.rand(3, c, 16, 16, generator=rng, dtype=torch.float64) for c in (3, 1, 1))
+    cameras = torch.diag(float64(20, 20, 1)).repeat(3, 1, 1)
+    return Observation(image, mask, depth + 0.5, torch.ones_like(mask), cameras, keys=(5, 6, 7))
+
+
+def test_depth_that_is_known_at_too_few_pixels_of_an_object_is_told_of_that_object_alone() -> None:
+    depth = np.zeros((400, 400), np.float32)
+    depth[200, 200] = 0.6
+    with pytest.raises(ValueError, match="depth is known at too few pixels of the object: none is left in its 64 x 64"):
+        Sighting.of(np.ones((400, 400, 3), np.float32), "mug", 64, np.ones((400, 400)), depth=depth)
+
+
+YY, XX = np.mgrid[:60, :80]
+PHOTOS = {
+    "noise": np.random.default_rng(0).random((60, 80, 3)),
+    "checkerboard": np.repeat(((YY // 8 + XX // 8) % 2)[..., None], 3, 2),
+    "white": np.ones((60, 80, 3)),
+    "black": np.zeros((60, 80, 3)),
+}
+MASKS = {name: np.zeros((60, 80), np.float32) for name in ("square", "pixel", "full")}
+MASKS["square"][15:45, 25:55] = MASKS["pixel"][30, 40] = MASKS["full"][:] = 1
+DEPTHS = {"no depth": None, "flat": np.full((60, 80), 0.6, np.float32), "plane": (0.4 + 0.005 * XX).astype(np.float32)}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("category", ["bottle", "bowl", "camera", "can", "laptop", "mug"])
+@pytest.mark.parametrize(
+    ("photo", "mask", "depth"),
+    [
+        ("noise", "square", "no depth"), ("noise", "full", "no depth"), ("noise", "square", "flat"),
+        ("checkerboard", "square", "no depth"), ("checkerboard", "square", "plane"), ("black", "pixel", "no depth"),
+        ("white", "full", "flat"),
+    ],
+)  # fmt: skip
+def test_a_picture_without_an_object_is_answered_without_confidence(category, photo, mask, depth) -> None:
+    answer = kfit.load(category).pose(PHOTOS[photo].astype(np.float32), mask=MASKS[mask], depth=DEPTHS[depth])
+    assert answer.confidence <= 0.5
+    assert np.isfinite([*answer.rotation.flatten(), *answer.translation, *answer.size]).all()
+
+
+FIT = """
+import sys, torch, numpy as np, kfit
+torch.manual_seed(int(sys.argv[1])); torch.rand(int(sys.argv[1]))
+mask = np.zeros((60, 80)); mask[10:50, 20:60] = 1
+answer = kfit.load("mug").pose(np.random.default_rng(0).random((60, 80, 3)), mask=mask, seed=7)
+print(answer.rotation.tobytes().hex(), answer.translation.tobytes().hex(), answer.energy, answer.confidence)
+"""
+
+
+@pytest.mark.slow
+def test_two_processes_answer_the_same_to_the_last_bit_whatever_they_drew_before() -> None:
+    said = [
+        subprocess.run([sys.executable, "-c", FIT, number], capture_output=True, text=True, check=True).stdout
+        for number in ("1", "99")
+    ]
+    assert said[0] == said[1]
+    assert len(said[0]) > 100
+
+
+@pytest.mark.slow
+def test_a_bundled_model_s_answer_is_the_same_in_any_batch_and_chunk_to_a_fifth_of_a_degree(monkeypatch) -> None:
+    from kfit.models.accuracy import unseen_views
+
+    model = kfit.load("mug")
+    seen, fit = unseen_views(model, 3).observation, model.pipeline()
+
+    def fitted(*rows: int) -> FitResult:
+        fields = {name: getattr(seen, name)[list(rows)] for name in ("image", "mask")}
+        return fit(Observation(**fields, keys=rows), seed=3)
+
+    whole = fitted(0, 1, 2)
+    ends = [(fitted(1), [1]), (fitted(2, 0), [2, 0])]
+    for pictures in (1, 1000):
+        monkeypatch.setitem(kfit.judge.CHUNK_PIXELS, "cpu", pictures * 64 * 64)
+        ends.append((fitted(0, 1, 2), [0, 1, 2]))
+    for found, rows in ends:
+        assert found.start.tolist() == whole.start[rows].tolist()
+        for name, limit in (("azimuth", 4e-3), ("elevation", 4e-3), ("roll", 4e-3), ("shift", 4e-3), ("scale", 4e-3)):
+            torch.testing.assert_close(found.values[name], whole.values[name][rows], rtol=0, atol=limit)
+        torch.testing.assert_close(found.energy, whole.energy[rows], rtol=5e-3, atol=0)
