@@ -1,18 +1,14 @@
-"""Slopes are right, a seed decides, and what is no number in one start or one picture reaches no other."""
+"""A seed decides, and what is no number in one start or one picture reaches no other."""
 
 from __future__ import annotations
 
 import math
-import subprocess
-import sys
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 from torch import Tensor
 
 import kfit
@@ -22,88 +18,13 @@ from kfit.callbacks import Pruning, Stopping
 from kfit.core import FitError, FitResult, Initializer, Observation, Optimizer, Prior
 from kfit.energies import L2, Depth, Silhouette
 from kfit.generators import MetricDepth, RadianceField, SimilarityWarp, Template
-from kfit.geometry import (
-    Crop,
-    box_corners,
-    diagonal_at,
-    energy_weights,
-    log_shares,
-    pose_from_crop,
-    project,
-    rotation_error,
-    rotation_from_angles,
-    rotation_spread_deg,
-    viewing_ray,
-    viewing_ray_rotation,
-)
 from kfit.initializers import Constant, FromDepth, Uniform
 from kfit.models.sighting import Sighting
 from kfit.optimizers import CMAES, Adam, LevenbergMarquardt, Stages
 
-CAMERA = torch.tensor([[80.0, 0, 30.0], [0, 90.0, 20.0], [0, 0, 1]], dtype=torch.float64)
-CROP = Crop((34.0, 22.0), 20.0, 8)
-QUICK = settings(
-    derandomize=True, database=None, deadline=None, max_examples=25, suppress_health_check=list(HealthCheck)
-)
-TURNS = st.sampled_from([0.0, math.pi / 2, -math.pi / 2, math.pi, -math.pi]) | st.floats(-7, 7)
-
 
 def float64(*numbers: float) -> Tensor:
     return torch.tensor(numbers, dtype=torch.float64)
-
-
-class TestSlopesAreThoseOfDifferences:
-    @QUICK
-    @given(TURNS, TURNS, TURNS)
-    def test_of_rotations_at_any_angles(self, azimuth: float, elevation: float, roll: float) -> None:
-        angles = [float64(angle).requires_grad_() for angle in (azimuth, elevation, roll)]
-        assert torch.autograd.gradcheck(rotation_from_angles, angles)
-
-    @QUICK
-    @given(TURNS, TURNS, TURNS)
-    def test_of_a_pose_read_off_a_crop_at_any_angles(self, azimuth: float, elevation: float, roll: float) -> None:
-        values = [float64(azimuth), float64(elevation), float64(roll), float64(0.1, -0.3)[None], float64(1.2)]
-
-        def pose(*values: Tensor) -> tuple[Tensor, Tensor]:
-            return pose_from_crop(*values, CROP, CAMERA, 0.2)
-
-        assert torch.autograd.gradcheck(pose, [value.requires_grad_() for value in values])
-
-    @pytest.mark.parametrize(
-        ("function", "given"),
-        [
-            (lambda pixel: viewing_ray(pixel, CAMERA), [float64(3.0, 9.0)]),
-            (lambda pixel: viewing_ray_rotation(pixel, CAMERA), [float64(3.0, 9.0)]),
-            (lambda pixel: viewing_ray_rotation(pixel, CAMERA), [float64(30.0, 20.0)]),  # on the axis
-            (lambda d, s, k: diagonal_at(d, s, k, CROP, CAMERA), [float64(0.7), float64(0, 0.2)[None], float64(1.1)]),
-            (lambda t, size: box_corners(torch.eye(3).double(), t, size), [float64(0, 0, 1), float64(1, 2, 3)]),
-            (lambda points: project(points, CAMERA), [float64(0.1, 0.2, 1.0)[None]]),
-            (lambda a, e: log_shares(a, e, float64(-2, 0, 2), float64(0, 1), 0.1), [float64(math.pi), float64(9.0)]),
-            (energy_weights, [float64(1.0, 1.1, 3.0)]),
-        ],
-    )
-    def test_of_cameras_and_boxes(self, function, given) -> None:
-        assert torch.autograd.gradcheck(function, [value.clone().requires_grad_() for value in given])
-
-    def test_of_a_crop_which_is_a_mean_of_pixels(self) -> None:
-        photo, step, mask = 0.4 + 0.2 * torch.rand(40, 60, 3), 0.1 * torch.rand(40, 60, 3), torch.ones(40, 60)
-        share = torch.rand(1, 3, 8, 8)
-        (slope,) = torch.autograd.grad((CROP.cut(photo.requires_grad_(), mask).image * share).sum(), photo)
-        difference = (CROP.cut(photo + step, mask).image - CROP.cut(photo, mask).image) * share
-        torch.testing.assert_close((slope * step).sum(), difference.sum(), rtol=1e-4, atol=0)
-
-    @pytest.mark.parametrize("symmetry", ["none", "y"])
-    @pytest.mark.parametrize("apart", [0.0, 1e-9, 1.0, math.pi - 1e-9, math.pi])
-    def test_of_an_angle_between_rotations_are_finite_even_at_none_and_half_a_turn(self, symmetry, apart) -> None:
-        angle = float64(apart).requires_grad_()
-        one, other = rotation_from_angles(float64(0.3), angle, float64(0.0)), rotation_from_angles(*float64(0.3, 0, 0))
-        error = rotation_error(one, other, symmetry)
-        (slope,) = torch.autograd.grad(error.sum(), angle)
-        assert float(error.detach()) == pytest.approx(apart, abs=1e-7)
-        # At neither end it has a slope, only bounds of it.
-        assert abs(float(slope)) == pytest.approx(1.0, abs=1e-6) or (apart in (0.0, math.pi) and abs(float(slope)) <= 1)
-        spread = rotation_spread_deg(one.detach(), float64(1.0), other, symmetry)
-        assert float(spread) == pytest.approx(math.degrees(apart), abs=1e-5)
 
 
 def picture() -> Tensor:
@@ -299,73 +220,3 @@ def test_depth_that_is_known_at_too_few_pixels_of_an_object_is_told_of_that_obje
     depth[200, 200] = 0.6
     with pytest.raises(ValueError, match="depth is known at too few pixels of the object: none is left in its 64 x 64"):
         Sighting.of(np.ones((400, 400, 3), np.float32), "mug", 64, np.ones((400, 400)), depth=depth)
-
-
-YY, XX = np.mgrid[:60, :80]
-PHOTOS = {
-    "noise": np.random.default_rng(0).random((60, 80, 3)),
-    "checkerboard": np.repeat(((YY // 8 + XX // 8) % 2)[..., None], 3, 2),
-    "white": np.ones((60, 80, 3)),
-    "black": np.zeros((60, 80, 3)),
-}
-MASKS = {name: np.zeros((60, 80), np.float32) for name in ("square", "pixel", "full")}
-MASKS["square"][15:45, 25:55] = MASKS["pixel"][30, 40] = MASKS["full"][:] = 1
-DEPTHS = {"no depth": None, "flat": np.full((60, 80), 0.6, np.float32), "plane": (0.4 + 0.005 * XX).astype(np.float32)}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("category", ["bottle", "bowl", "camera", "can", "laptop", "mug"])
-@pytest.mark.parametrize(
-    ("photo", "mask", "depth"),
-    [
-        ("noise", "square", "no depth"), ("noise", "full", "no depth"), ("noise", "square", "flat"),
-        ("checkerboard", "square", "no depth"), ("checkerboard", "square", "plane"), ("black", "pixel", "no depth"),
-        ("white", "full", "flat"),
-    ],
-)  # fmt: skip
-def test_a_picture_without_an_object_is_answered_without_confidence(category, photo, mask, depth) -> None:
-    answer = kfit.load(category).pose(PHOTOS[photo].astype(np.float32), mask=MASKS[mask], depth=DEPTHS[depth])
-    assert answer.confidence <= 0.5
-    assert np.isfinite([*answer.rotation.flatten(), *answer.translation, *answer.size]).all()
-
-
-FIT = """
-import sys, torch, numpy as np, kfit
-torch.manual_seed(int(sys.argv[1])); torch.rand(int(sys.argv[1]))
-mask = np.zeros((60, 80)); mask[10:50, 20:60] = 1
-answer = kfit.load("mug").pose(np.random.default_rng(0).random((60, 80, 3)), mask=mask, seed=7)
-print(answer.rotation.tobytes().hex(), answer.translation.tobytes().hex(), answer.energy, answer.confidence)
-"""
-
-
-@pytest.mark.slow
-def test_two_processes_answer_the_same_to_the_last_bit_whatever_they_drew_before() -> None:
-    said = [
-        subprocess.run([sys.executable, "-c", FIT, number], capture_output=True, text=True, check=True).stdout
-        for number in ("1", "99")
-    ]
-    assert said[0] == said[1]
-    assert len(said[0]) > 100
-
-
-@pytest.mark.slow
-def test_a_bundled_model_s_answer_is_the_same_in_any_batch_and_chunk_to_a_fifth_of_a_degree(monkeypatch) -> None:
-    from kfit.models.accuracy import unseen_views
-
-    model = kfit.load("mug")
-    seen, fit = unseen_views(model, 3).observation, model.pipeline()
-
-    def fitted(*rows: int) -> FitResult:
-        fields = {name: getattr(seen, name)[list(rows)] for name in ("image", "mask")}
-        return fit(Observation(**fields, keys=rows), seed=3)
-
-    whole = fitted(0, 1, 2)
-    ends = [(fitted(1), [1]), (fitted(2, 0), [2, 0])]
-    for pictures in (1, 1000):
-        monkeypatch.setitem(kfit.judge.CHUNK_PIXELS, "cpu", pictures * 64 * 64)
-        ends.append((fitted(0, 1, 2), [0, 1, 2]))
-    for found, rows in ends:
-        assert found.start.tolist() == whole.start[rows].tolist()
-        for name, limit in (("azimuth", 4e-3), ("elevation", 4e-3), ("roll", 4e-3), ("shift", 4e-3), ("scale", 4e-3)):
-            torch.testing.assert_close(found.values[name], whole.values[name][rows], rtol=0, atol=limit)
-        torch.testing.assert_close(found.energy, whole.energy[rows], rtol=5e-3, atol=0)
