@@ -29,7 +29,7 @@ from kfit.core import (
 )
 from kfit.core.check import check_count, check_dict, check_names, check_range
 from kfit.core.recorder import Recorder
-from kfit.core.rows import best_first
+from kfit.core.rows import best_first, finite
 from kfit.core.seeds import mixed_seed
 from kfit.devices import compile_networks
 from kfit.features import FeatureNetwork
@@ -212,7 +212,9 @@ class FitPipeline(nn.Module):
         rows = len(next(iter(raw.values())))
         problem = torch.arange(rows, device=next(iter(raw.values())).device) // self.num_candidates
         judge.weights = self._weights_at(0)
-        order, place = best_first(judge(raw, problem).ranking, problem)
+        # Values that are no numbers may still draw a picture.
+        ranking = judge(raw, problem).ranking
+        order, place = best_first(ranking.where(finite(raw), torch.inf), problem)
         kept = order[place < self.num_starts].sort().values
         return {name: tensor[kept] for name, tensor in raw.items()}
 
@@ -227,9 +229,7 @@ class FitPipeline(nn.Module):
             name: value if not state.best_values else torch.where(_tail(better, value), value, state.best_values[name])
             for name, value in seen.values.items()
         }
-        broken = ~torch.isfinite(seen.energy)
-        for value in new.values():
-            broken |= ~torch.isfinite(value).flatten(1).all(1) if value.dim() > 1 else ~torch.isfinite(value)
+        broken = ~(torch.isfinite(seen.energy) & finite(new))
         return replace(
             state,
             step=step,

@@ -14,7 +14,8 @@ class Stopping(Callback):
     """Ends a problem's fit when its best energy has not fallen for some steps; the others go on without it.
 
     The least ranking energy E of a problem's starts counts as fallen where it is below (1 − tolerance) · |E| of when
-    it last did. A problem that is stopped costs nothing more, and its starts stay among the answers.
+    it last did; a start that became NaN or infinite no longer counts. A problem that is stopped costs nothing more, and
+    its starts stay among the answers.
 
     Args:
         tolerance: share by which the energy must fall.
@@ -36,7 +37,8 @@ class Stopping(Callback):
         least = least.scatter_reduce(0, state.problem, state.best_energy, "amin")[state.problem]
         before = state.notes.get(BEST, torch.full_like(least, torch.inf))
         since = state.notes.get(SINCE, torch.zeros_like(least))
-        fallen = (least < before - self.tolerance * before.abs()) | before.isinf()
+        # It only rises where the best start broke and was dropped: then the others have a best of their own to beat.
+        fallen = (least < before - self.tolerance * before.abs()) | before.isinf() | (least > before)
         since = torch.where(fallen, 0.0, since + 1)
         state.notes = {**state.notes, BEST: torch.where(fallen, least, before), SINCE: since}
         return state.rest(since >= self.patience)

@@ -11,6 +11,7 @@ from itertools import pairwise
 from typing import Any
 
 from jsonargparse import ArgumentError
+from lightning.fabric.plugins import TorchCheckpointIO
 from lightning.pytorch import Callback, LightningDataModule, LightningModule, Trainer
 from lightning.pytorch.callbacks import LearningRateMonitor
 from lightning.pytorch.cli import LightningArgumentParser, LightningCLI
@@ -20,7 +21,7 @@ from kfit.cli.help_page import HelpPage
 from kfit.cli.session import session
 from kfit.geometry.categories import CATEGORIES, Category
 from kfit.mistakes import sentence
-from kfit.training import ConditionalVAE, PictureGrid
+from kfit.training import ConditionalVAE, PictureGrid, WholeCheckpoints
 
 # Arguments of the model's parts that the category of the data decides, where a part has such an argument.
 KNOWN: dict[str, Callable[[Category], object]] = {
@@ -102,7 +103,11 @@ class _CLI(LightningCLI):
             usual += [PictureGrid()] if isinstance(self.model, ConditionalVAE) else []
             named = {type(callback) for callback in callbacks}
             kwargs["callbacks"] = callbacks + [callback for callback in usual if type(callback) not in named]
-        return super().instantiate_trainer(**kwargs)
+        trainer = super().instantiate_trainer(**kwargs)
+        # Those that a recipe or a strategy brings know better how they are to be written.
+        if type(trainer.strategy.checkpoint_io) is TorchCheckpointIO:
+            trainer.strategy.checkpoint_io = WholeCheckpoints()
+        return trainer
 
 
 def main(args: Sequence[str] | None = None) -> None:

@@ -6,11 +6,12 @@ import argparse
 import logging
 import os
 import platform
+import re
 import sys
 import time
 import warnings
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any
 
 from kfit import __version__
@@ -71,7 +72,7 @@ def session(args: Sequence[str] | None) -> Iterator[list[str]]:
             try:
                 yield words
             finally:
-                sys.stdout.flush()
+                _flush()
             log.debug("done in %.1f s", time.perf_counter() - begun)
     finally:
         log.removeHandler(handler)
@@ -98,7 +99,17 @@ class _Stderr(logging.Handler):
     """Writes to what `sys.stderr` is by then: while a bar is shown, a stream that writes above it."""
 
     def emit(self, record: logging.LogRecord) -> None:
-        print(self.format(record), file=sys.stderr)
+        with suppress(OSError):  # where nothing can be told, the exit status still tells
+            print(self.format(record), file=sys.stderr)
+
+
+def _flush() -> None:
+    if sys.stdout is None:  # closed by whoever started this
+        return
+    try:
+        sys.stdout.flush()
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, "standard output") from None
 
 
 @contextmanager
@@ -134,5 +145,5 @@ def _endings(verbose: bool) -> Iterator[None]:
 
 def _on_one_line(error: Exception) -> str:
     """What an error says; characters that steer terminals, which names of files may hold, are spelled out."""
-    said = " ".join(str(error).split()) or type(error).__name__
+    said = " ".join(re.sub(r"^\[Errno \d+\] ", "", str(error)).split()) or type(error).__name__
     return "".join(letter if letter.isprintable() else repr(letter)[1:-1] for letter in said)

@@ -129,7 +129,7 @@ class Video:
 
         begun = time.perf_counter()
         with (
-            poses.open("w") as file,
+            poses.open("w", buffering=1) as file,  # written frame by frame, so that a full disk ends it early
             VideoFile(overlay, self.frames.rate) as video,
             # A frame is drawn and encoded while the next is followed.
             ThreadPoolExecutor(1) as beside,

@@ -1,9 +1,11 @@
-"""Rows in order: what selecting and pruning share."""
+"""Rows in order, and rows that are whole: what selecting, starting and pruning share."""
 
 from __future__ import annotations
 
 import torch
 from torch import Tensor
+
+from kfit.core.variables import Variables
 
 
 def best_first(energy: Tensor, problem: Tensor) -> tuple[Tensor, Tensor]:
@@ -18,3 +20,13 @@ def best_first(energy: Tensor, problem: Tensor) -> tuple[Tensor, Tensor]:
     counts = torch.bincount(problem)
     first = (counts.cumsum(0) - counts)[problem[order]]
     return order, torch.arange(len(order), device=order.device) - first
+
+
+def finite(variables: Variables) -> Tensor:
+    """Which rows (N,) hold finite numbers alone, of variables (N, \\*shape)."""
+    return torch.stack(
+        [
+            tensor.isfinite().flatten(1).all(1) if tensor.dim() > 1 else tensor.isfinite()
+            for tensor in variables.values()
+        ]
+    ).all(0)

@@ -49,8 +49,8 @@ class Positive(Space):
         return raw.exp()
 
     def to_raw(self, value: Tensor) -> Tensor:
-        if not bool((value > 0).all()):
-            raise ValueError(f"a Positive variable must be above 0, got {float(value.min()):g}")
+        if bool((value <= 0).any()):  # what is not a number is none in its own row alone
+            raise ValueError(f"a Positive variable must be above 0, got {float(value.nan_to_num(1.0).min()):g}")
         return value.log()
 
 

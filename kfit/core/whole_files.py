@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import os
-from collections.abc import Callable, Mapping
-from contextlib import ExitStack, suppress
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -22,8 +23,14 @@ def write_whole(folder: Path, files: Mapping[str, Callable[[Path], object]]) -> 
 
     Returns:
         Paths of those that were written.
+
+    Raises:
+        OSError: of the system's kind, naming the file, where one cannot be written; all files stay as they were.
     """
     places = [folder / name for name in files]  # an absolute path stays what it is
+    for place in places:
+        if place.is_dir():
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(place))
     parents = dict.fromkeys([folder, *(place.parent for place in places)])
     new = [one for parent in parents for one in (parent, *parent.parents) if not one.exists()]
     with ExitStack() as failed:
@@ -32,21 +39,37 @@ def write_whole(folder: Path, files: Mapping[str, Callable[[Path], object]]) -> 
             failed.callback(_remove, one)
         with ExitStack() as stack:
             asides: dict[Path, Path] = {}
-            for parent in parents:
-                parent.mkdir(parents=True, exist_ok=True)
-                # In the same folder, as nothing is moved whole from one file system to another.
-                asides[parent] = Path(stack.enter_context(TemporaryDirectory(prefix=PARTIAL, dir=parent)))
+            for place in places:
+                if (parent := place.parent) not in asides:
+                    with _naming(place):
+                        parent.mkdir(parents=True, exist_ok=True)
+                        # In the same folder, as nothing is moved whole from one file system to another.
+                        asides[parent] = Path(stack.enter_context(TemporaryDirectory(prefix=PARTIAL, dir=parent)))
             written = [asides[place.parent] / place.name for place in places]
-            for path, write in zip(written, files.values(), strict=True):
-                write(path)
+            for path, place, write in zip(written, places, files.values(), strict=True):
+                with _naming(place):
+                    write(path)
             made = [(path, place) for path, place in zip(written, places, strict=True) if path.exists()]
-            for path, _ in made:
-                with path.open("rb") as complete:
+            for path, place in made:
+                with _naming(place), path.open("rb") as complete:
                     os.fsync(complete.fileno())
             for path, place in made:
                 path.replace(place)
         failed.pop_all()
     return [place for _, place in made]
+
+
+@contextmanager
+def _naming(place: Path) -> Iterator[None]:
+    """Have what the system refuses name the place, where it names nothing or what is there only meanwhile."""
+    try:
+        yield
+    except FileExistsError as error:  # what is to be a folder is none
+        raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), error.filename) from None
+    except OSError as error:
+        if error.errno is None or (error.filename is not None and PARTIAL not in str(error.filename)):
+            raise
+        raise OSError(error.errno, os.strerror(error.errno), str(place)) from error
 
 
 def _remove(folder: Path) -> None:
@@ -74,4 +97,5 @@ def check_folder(name: str, folder: Path) -> None:
     if not there.is_dir():
         raise OSError(f"{name} must name a folder, but {there} is none")
     if not os.access(there, os.W_OK | os.X_OK):
-        raise OSError(f"{name}: {there} may not be written to")
+        code = errno.EROFS if os.statvfs(there).f_flag & os.ST_RDONLY else errno.EACCES
+        raise OSError(f"{os.strerror(code)}: {name} {there}")

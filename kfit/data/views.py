@@ -131,7 +131,8 @@ def _join(path: Path, parts: ViewParts) -> None:
     settings = parts.settings
     objects, views, size = (int(settings[name]) for name in ("num_objects", "num_views", "image_size"))
     num = objects * views
-    with h5py.File(path, "w") as file:
+    # In memory, from where Python writes it: on a full disk HDF5 drops what it cannot write, and goes on.
+    with h5py.File(path.name, "w", driver="core", backing_store=False) as file:
         file.create_dataset("images", (num, size, size, 4), np.uint8, chunks=(views, size, size, 4), compression="lzf")
         file.create_dataset("depth", (num, size, size), np.float16, chunks=(views, size, size), compression="lzf")
         file.create_dataset("poses", (num, 2), np.float32)
@@ -144,6 +145,8 @@ def _join(path: Path, parts: ViewParts) -> None:
         file.attrs["settings"] = json.dumps(settings)
         file.attrs["num_views"] = views
         file.attrs["num_done"] = objects
+        file.flush()
+        path.write_bytes(file.id.get_file_image())
 
 
 def _settings_of(path: Path) -> dict[str, object] | None:

@@ -59,10 +59,11 @@ class Perceptual(ResidualEnergy):
         scale = {}
         for name, feature in features.items():
             share = shares(weight, feature)
+            scale[name] = share.sqrt()
             if normalize:
                 mean_square = (feature.square() * share).sum((1, 2, 3), keepdim=True)
-                share = share / mean_square.clamp_min(1e-8)
-            scale[name] = share.sqrt()
+                # roots apart: that of a share of 0 has no slope, and the target may be asked for its own
+                scale[name] = scale[name] / mean_square.clamp_min(1e-8).sqrt()
         return super().prepare(features, weight) | {"scale": scale}
 
     def residuals(self, prediction: Any, prepared: Any) -> Tensor:

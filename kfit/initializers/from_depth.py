@@ -17,14 +17,15 @@ class FromDepth(Initializer):
     """Sets `kfit.generators.MetricDepth`'s distance and focal by the observed depth and the camera.
 
     φ = f / w with f the mean of the observation's focal lengths and w = unit_fraction · width of its picture;
-    t = median of the known depth · (1 + 0.2 / φ), since what is seen lies before the object's centre.
+    t = median of the known (finite) depth · (1 + 0.2 / φ), since what is seen lies before the object's centre. Of
+    several pictures, those in which no depth is known have no distance: their starts are NaN.
 
     Args:
         unit_fraction: width of a unit diagonal over the picture's, at scale 1.
 
     Raises:
         ValueError: for a fraction outside [0.1, 10] and, when it is called, for an observation without depth or
-            intrinsics, or a picture in which no depth is known.
+            intrinsics, or in whose pictures no depth is known.
     """
 
     on = ("distance", "focal")
@@ -41,10 +42,11 @@ class FromDepth(Initializer):
         rngs: Sequence[torch.Generator],
     ) -> Variables:
         intrinsics, depth = observation.field("intrinsics"), observation.field("depth").flatten(1)
-        if not bool(depth.isfinite().any(1).all()):
-            raise ValueError("FromDepth: depth must be known somewhere in each picture, got one where it is nowhere")
+        known = depth.isfinite()
+        if not bool(known.any()):
+            raise ValueError("FromDepth: depth must be known somewhere, got pictures in which it is nowhere")
         width = self.unit_fraction * observation.image.shape[-1]
         focal = (intrinsics[:, 0, 0] + intrinsics[:, 1, 1]) / 2 / width
-        distance = depth.nanmedian(1).values * (1 + BEFORE / focal)
+        distance = depth.where(known, torch.nan).nanmedian(1).values * (1 + BEFORE / focal)
         found = {"distance": distance, "focal": focal}
         return {name: value.to(depth).repeat_interleave(num_starts) for name, value in found.items()}

@@ -12,7 +12,7 @@ from kfit.geometry import to_opencv
 from kfit.models.alternatives import fitted_rotations
 from kfit.models.calibration import DOUBTFUL
 from kfit.models.pose_result import PoseResult
-from kfit.models.sighting import PLAIN, Sighting
+from kfit.models.sighting import PLAIN, WHOLE, Sighting
 
 if TYPE_CHECKING:
     from kfit.models.category_model import CategoryModel
@@ -45,7 +45,7 @@ def answer_of(
         size_from="depth" if "distance" in fit.values else "mean size",
         bbox_xywh=(left, top, int(columns[-1]) + 1 - left, int(rows[-1]) + 1 - top),
         energy=float(fit.energy[0]),
-        confidence=min(verdict.confidence, DOUBTFUL) if PLAIN in seen.notes else verdict.confidence,
+        confidence=min(verdict.confidence, 1.0 if {PLAIN, WHOLE}.isdisjoint(seen.notes) else DOUBTFUL),
         ambiguous=verdict.ambiguity is not None,
         alternatives=verdict.alternatives,
         intrinsics=seen.intrinsics.double().numpy(),

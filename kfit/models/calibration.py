@@ -91,22 +91,35 @@ class Calibration:
 
 
 def confidence(
-    calibration: Calibration | None, fit: FitResult, found: Sequence[Alternative], seen: float | None
+    calibration: Calibration | None,
+    fit: FitResult,
+    found: Sequence[Alternative],
+    seen: float | None,
+    by_looks: Calibration | None = None,
 ) -> tuple[float, str | None]:
     """An answer's confidence in [0, 1], and a sentence where it is not calibrated or the energy is unusually high.
 
     Where there is no calibration, or the fit was made in another way, it is the answer's share of the starts' weight;
-    where the energy is higher than 99 % of the held-out views', it is a half at most.
+    where the energy is higher than 99 % of the held-out views', it is a half at most, and so it is where there is no
+    calibration of fits with depth but one without it, by whose terms the energy is as high.
 
     Args:
         calibration: of the model.
         fit: of one problem.
         found: its alternatives, the answer first.
         seen: the share of probability that a pose head gives the answer, if there is one.
+        by_looks: of the model's fits without depth.
     """
     share = "it is the answer's share of the starts' weight, and no probability of being right"
     if calibration is None:
-        return found[0].weight, f"confidence not calibrated, as the model's card tells nothing of such fits: {share}"
+        said, doubt = (
+            found[0].weight,
+            f"confidence not calibrated, as the model's card tells nothing of such fits: {share}",
+        )
+        if by_looks is not None and _looks_energy(fit, found[0].energy, by_looks) > by_looks.energy_99:
+            said = min(said, DOUBTFUL)
+            doubt += f"; the drawing explains the look of the picture poorly, and it is {100 * DOUBTFUL:.0f} % at most"
+        return said, doubt
     told, energy = evidence(found, seen), found[0].energy
     if not calibration.covers(fit) or not set(calibration.coefficients) <= set(told):
         return found[0].weight, f"confidence not calibrated for a fit in another way than the model's own: {share}"
@@ -118,6 +131,15 @@ def confidence(
             f"the mask wrong, and the confidence is {100 * DOUBTFUL:.0f} % at most"
         )
     return said, None
+
+
+def _looks_energy(fit: FitResult, energy: float, known: Calibration) -> float:
+    """What of a winner's energy are terms that a calibration knows; 0 if the fit lacks one of them."""
+    history, weights = fit.history, known.fits["weights"]
+    if not set(weights) <= set(history.terms):
+        return 0.0
+    winner = int((history.energy.double() - energy).abs().nan_to_num(torch.inf).argmin())
+    return float(sum(weight * history.terms[name].flatten()[winner] for name, weight in weights.items()))
 
 
 def how_fitted(fit: FitResult, weights: dict[str, float]) -> dict[str, Any]:

@@ -228,7 +228,7 @@ class CategoryModel:
         found = alternatives(fit, turn, symmetry)
         seen = None if head is None or looks is None else seen_share(fit, looks[0], head, symmetry)
         calibration = self.card.calibration.get("RGB-D" if "distance" in fit.values else "RGB")
-        sure, doubt = confidence(calibration, fit, found, seen)
+        sure, doubt = confidence(calibration, fit, found, seen, self.card.calibration.get("RGB"))
         return Verdict(found, warning(found, seen, symmetry), sure, doubt, seen)
 
     def answer(self, fit: FitResult, seen: Sighting) -> PoseResult:

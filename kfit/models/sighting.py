@@ -16,8 +16,9 @@ from kfit.geometry.crop import MARGIN
 from kfit.models.given import as_photo, choose_camera, choose_depth, choose_mask
 from kfit.segmentation import Photo, Segmenter, load_segmenter, mask_from_alpha, read_photo
 
-# A note, with which an answer's confidence is held down.
+# Notes, with which an answer's confidence is held down.
 PLAIN = "the object shows one colour: nothing but its outline tells its pose, and the confidence is 50 % at most"
+WHOLE = "the mask is the whole picture: it tells no outline, and the confidence is 50 % at most"
 _LEAST_SPREAD = 0.01
 
 
@@ -82,8 +83,9 @@ class Sighting:
             observation = crop.cut(pixels, found)
         else:
             observation = observed(crop, pixels, found, choose_depth(depth, found), camera.double())
-        if _is_plain(observation):
-            notes.append(PLAIN)
+            if not bool(observation.field("depth").isfinite().any()):
+                raise ValueError(f"depth is known at too few pixels of the object: none is left in its {size} x {size}")
+        notes += [PLAIN] * _is_plain(observation) + [WHOLE] * bool((found > 0.5).all())
         return Sighting(observation, pixels, found, crop, camera, came_from, tuple(notes))
 
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import cv2
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from kfit.core.whole_files import write_whole
 from kfit.models import PoseResult
 from kfit.reports.fit_frames import FitFrames, Picture, fit_frames
+from kfit.reports.video_file import VideoFile
 
 SUFFIXES = (".gif", ".mp4")
 SIDE, GAP, LINE = 256, 8, 36
@@ -71,9 +71,6 @@ def _write_gif(pictures: list[Image.Image], path: Path) -> None:
 
 
 def _write_mp4(pictures: list[Image.Image], path: Path) -> None:
-    video = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"vp09"), RATE, pictures[0].size)
-    if not video.isOpened():
-        raise OSError(f"cannot write {path.name}: OpenCV has no encoder for VP9 here; write a .gif instead")
-    for picture in [*pictures, *[pictures[-1]] * (REST * RATE - 1)]:
-        video.write(np.asarray(picture)[..., ::-1])
-    video.release()
+    with VideoFile(path, RATE) as video:
+        for picture in [*pictures, *[pictures[-1]] * (REST * RATE - 1)]:
+            video.write(np.asarray(picture))

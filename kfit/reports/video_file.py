@@ -12,16 +12,21 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+CODECS = {".webm": ("VP80", "VP8"), ".mp4": ("vp09", "VP9")}
+
 
 class VideoFile:
-    """A WebM file of VP8, to be used in a ``with`` statement and handed pictures one by one.
+    """A WebM file of VP8 or an MP4 file of VP9, to be used in a ``with`` statement and handed pictures one by one.
 
     Of what OpenCV's packages encode, MPEG-4 (mp4v) is played by no browser, H.264 is not among it, VP9 takes several
-    times as long as VP8, and VP8 is played by Chrome, Edge, Firefox and Safari.
+    times as long as VP8, and VP8, which MP4 does not hold, is played by Chrome, Edge, Firefox and Safari.
 
     Args:
-        path: that ends in .webm.
+        path: that ends in .webm or .mp4.
         rate: pictures a second.
+
+    Raises:
+        OSError: at the end of the ``with`` statement, if the file was not written to its end.
     """
 
     def __init__(self, path: Path, rate: float) -> None:
@@ -29,11 +34,17 @@ class VideoFile:
         self._writer: cv2.VideoWriter | None = None
 
     def __enter__(self) -> VideoFile:
+        # Of a full disk OpenCV warns at each picture, and goes on.
+        self._level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if self._writer is not None:
             self._writer.release()
+        cv2.utils.logging.setLogLevel(self._level)
+        if self._writer is not None and kind is None and not _has_end(self.path):
+            self._ask_why()
+            raise OSError(f"{self.path.name} was not written to its end")
 
     def write(self, picture: NDArray[np.uint8]) -> None:
         """Add a picture (height, width, 3), RGB, sides even numbers, as large as the first.
@@ -42,14 +53,29 @@ class VideoFile:
             OSError: if the file cannot be written.
         """
         if self._writer is None:
-            height, width = picture.shape[:2]
+            (height, width), (letters, codec) = picture.shape[:2], CODECS[self.path.suffix.lower()]
             with _silence():
-                self._writer = cv2.VideoWriter(
-                    str(self.path), cv2.VideoWriter.fourcc(*"VP80"), self.rate, (width, height)
-                )
+                code = cv2.VideoWriter.fourcc(*letters)
+                self._writer = cv2.VideoWriter(str(self.path), code, self.rate, (width, height))
             if not self._writer.isOpened():
-                raise OSError(f"{self.path.name} cannot be written: this OpenCV ({cv2.__version__}) encodes no VP8")
+                self._ask_why()
+                raise OSError(f"{self.path.name} cannot be written: this OpenCV ({cv2.__version__}) encodes no {codec}")
         self._writer.write(cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
+
+    def _ask_why(self) -> None:
+        """Raise what the system says of writing there, which OpenCV keeps to itself."""
+        with self.path.open("ab") as file:
+            file.write(bytes(2**20))
+            os.fsync(file.fileno())
+
+
+def _has_end(path: Path) -> bool:
+    """Whether the file tells its length: that is written last, and nothing after what could not be written."""
+    with _silence():
+        read = cv2.VideoCapture(str(path))
+        whole = bool(read.get(cv2.CAP_PROP_FRAME_COUNT) > 0)
+        read.release()
+    return whole
 
 
 @contextmanager

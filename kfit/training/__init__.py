@@ -9,6 +9,7 @@ from kfit.training.photograph import Photograph
 from kfit.training.picture_grid import PictureGrid
 from kfit.training.pose_training import PoseTraining
 from kfit.training.recolor import Recolor
+from kfit.training.whole_checkpoints import WholeCheckpoints
 
 __all__ = [
     "ConditionalVAE",
@@ -20,4 +21,5 @@ __all__ = [
     "PictureGrid",
     "PoseTraining",
     "Recolor",
+    "WholeCheckpoints",
 ]

@@ -117,6 +117,15 @@ def weights(energy, rows=2, dtype=torch.float64):
     return weight
 
 
+def hard_pictures(energy, dtype):
+    """White, black, grey, one dark pixel, any, out of range, and some that differ from others by a rounding."""
+    anything = pictures(energy, rows=1, dtype=dtype)[0]
+    plain = [torch.full_like(anything, tone) for tone in (1.0, 0.0, 0.5)]
+    point = plain[0].clone()
+    point[..., 3, 3] = 0
+    return torch.cat([*plain, point, anything, 1e4 * anything, -anything, plain[2] + 1e-7, anything + 1e-6])
+
+
 def head(symmetry="none"):
     torch.manual_seed(3)
     return PoseHead(symmetry, channels=(4, 4), hidden_dim=8, image_size=8)
@@ -175,6 +184,27 @@ class TestAnEnergy:
         y = pictures(energy)[1]
         x = y.clone().requires_grad_()
         assert torch.autograd.grad(energy(x, y, weights(energy) if weighted else None).sum(), x)[0].isfinite().all()
+
+    @pytest.mark.parametrize("weighted", [False, True], ids=["unweighted", "weighted"])
+    def test_passes_gradcheck_for_the_target_too(self, build, weighted):
+        energy = build().double()
+        pair = [picture.requires_grad_() for picture in pictures(energy)]
+        weight = weights(energy) if weighted else None
+        assert torch.autograd.gradcheck(lambda x, y: energy(x, y, weight), pair, fast_mode=True)
+
+    @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+    def test_is_finite_with_its_gradient_wherever_pictures_tell_nothing(self, build, dtype):
+        energy = build().to(dtype)
+        x = hard_pictures(energy, dtype)
+        first, second = torch.cartesian_prod(torch.arange(len(x)), torch.arange(len(x))).T
+        empty = torch.zeros_like(x[first][:, :1])
+        point = empty.index_fill(2, torch.tensor([3]), 1.0)
+        for weight in (None, empty, point, torch.full_like(empty, 1e-30)):
+            prediction = x[first].requires_grad_()
+            found = energy(prediction, x[second], weight)
+            assert found.isfinite().all()
+            assert found.min() > -1e-3
+            assert torch.autograd.grad(found.sum(), prediction)[0].isfinite().all()
 
     def test_in_bfloat16_is_still_summed_in_single_precision(self, build):
         energy = build()
@@ -272,3 +302,13 @@ class TestAPrior:
             return told(prior, pytree.tree_unflatten(list(leaves), tree), prepared)
 
         assert torch.autograd.gradcheck(energy, [leaf.requires_grad_() for leaf in leaves])
+
+    @pytest.mark.parametrize("far", [0.0, torch.pi / 2, -torch.pi, 1e4])
+    def test_is_finite_with_its_gradient_however_far_a_value_lies(self, build, far):
+        prior = build()
+        value, prepared = asked(prior)
+        leaves, tree = pytree.tree_flatten(value)
+        leaves = [torch.full_like(leaf, far).requires_grad_() for leaf in leaves]
+        found = told(prior, pytree.tree_unflatten(leaves, tree), prepared)
+        assert found.isfinite().all()
+        assert all(slope.isfinite().all() for slope in torch.autograd.grad(found.sum(), leaves))

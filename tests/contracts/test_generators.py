@@ -1,5 +1,6 @@
 """Every shipped generator through one suite; a new one fails until the table below says how to build it."""
 
+import math
 from itertools import chain, combinations
 
 import pytest
@@ -83,6 +84,16 @@ def fields(rendering):
     return {n: getattr(rendering, n) for n in ("image", "mask", "depth") if getattr(rendering, n) is not None}
 
 
+def drawn_twice(generator, values):
+    """What is drawn without and with slopes, and the slopes."""
+    with torch.no_grad():
+        plain = list(fields(generator(**values)).values())
+    leaves = [value.clone().requires_grad_() for value in values.values()]
+    drawn = list(fields(generator(**dict(zip(values, leaves, strict=True)))).values())
+    slopes = torch.autograd.grad(sum(picture.square().sum((1, 2, 3)) for picture in drawn).sum(), leaves)
+    return [*plain, *(picture.detach() for picture in drawn), *slopes]
+
+
 def subsets(names):
     return chain.from_iterable(combinations(names, size) for size in range(1, len(names) + 1))
 
@@ -147,6 +158,26 @@ class TestAGenerator:
             return tuple(fields(generator(**dict(zip(names, given, strict=True)))).values())
 
         assert torch.autograd.gradcheck(draw, [values[name].requires_grad_() for name in names], fast_mode=True)
+
+    @pytest.mark.parametrize("turn", [0.0, math.pi / 2, math.pi, -math.pi, 7 * math.pi])
+    def test_gradients_are_finite_straight_ahead_from_above_and_behind(self, kind, turn):
+        generator = BUILD[kind][0]()
+        values = {}
+        for name, variable in generator.variables.items():
+            still = 1.0 if isinstance(variable.space, Positive) else turn if isinstance(variable.space, Angle) else 0.0
+            values[name] = torch.full((2, *variable.shape), still, requires_grad=True)
+        total = sum(picture.sum() for picture in fields(generator(**values)).values())
+        slopes = torch.autograd.grad(total, list(values.values()), allow_unused=True)
+        assert all(slope is None or slope.isfinite().all() for slope in slopes)
+
+    @pytest.mark.parametrize("broken", [math.nan, math.inf, -math.inf, 1e30])
+    def test_a_value_that_is_no_number_reaches_no_other_row_s_picture_or_slope(self, kind, broken):
+        generator = BUILD[kind][0]()
+        whole = random_values(generator, 3)
+        for name, value in whole.items():
+            spoilt = {**whole, name: value.index_fill(0, torch.tensor([1]), broken)}
+            for expected, found in zip(drawn_twice(generator, whole), drawn_twice(generator, spoilt), strict=True):
+                torch.testing.assert_close(found[[0, 2]], expected[[0, 2]], rtol=1e-5, atol=1e-5)
 
     def test_draws_in_the_type_of_its_numbers(self, kind):
         generator = BUILD[kind][0]().double()

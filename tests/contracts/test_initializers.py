@@ -165,6 +165,15 @@ class TestAnInitializer:
         starts(initializer, observation())
         assert torch.equal(torch.get_rng_state(), before)
 
+    @pytest.mark.parametrize("broken", [math.nan, math.inf, -math.inf])
+    @pytest.mark.parametrize("name", ["image", "mask", "depth"])
+    def test_a_picture_that_is_no_number_leaves_the_others_their_starts(self, build, name, broken):
+        seen, whole = observation(), starts(build(), observation())
+        getattr(seen, name)[1] = broken
+        for key, value in starts(build(), seen).items():
+            others = [*range(6), *range(12, 18)]
+            torch.testing.assert_close(value[others], whole[key][others], rtol=0, atol=0)
+
     def test_gives_memory_of_its_own_for_every_start(self, build):
         for value in starts(build(), observation()).values():
             before = value[1:].clone()

@@ -166,6 +166,42 @@ class TestAnOptimizer:
         for name, value in whole.items():
             torch.testing.assert_close(broken[name][others], value[others], rtol=0, atol=0)
 
+    @pytest.mark.parametrize("broken", ["energy", "gradient", "residuals", "all", "infinite", "a trial"])
+    def test_a_row_that_breaks_on_the_way_stays_alone(self, build, steps, broken):
+        found, whole = (ends(build(), how) for how in (broken, None))
+        others = [0, 1, 3, 4]
+        for name, value in whole.items():
+            torch.testing.assert_close(found[name][others], value[others], rtol=0, atol=0)
+
+
+def ends(optimizer, broken, num_steps=10):
+    """Where five rows, each a problem of its own, end when something of the third is no number from step 4 on."""
+    raw, problem = starts(), torch.arange(5)
+    memory, spoilt, walked, looks = (
+        optimizer.init(raw, seeds()),
+        torch.inf if broken == "infinite" else torch.nan,
+        [],
+        [],
+    )
+
+    def evaluate(raw, problem, need="value"):
+        seen = evaluation_of(valley)(raw, problem, need)
+        looks.append(need)
+        if len(walked) < 4 or broken is None or (broken == "a trial" and len(looks) == 1):
+            return seen
+        gradient = seen.gradient or {}
+        parts = {"energy": [seen.energy, seen.ranking], "gradient": gradient.values(), "residuals": [seen.residuals]}
+        for tensor in parts[broken] if broken in parts else [part for held in parts.values() for part in held]:
+            if tensor is not None:
+                tensor[problem == 2] = spoilt
+        return seen
+
+    while len(walked) < num_steps:
+        looks.clear()
+        raw, _, memory = optimizer.step(evaluate, raw, problem, memory)
+        walked.append(raw)
+    return raw
+
 
 class TestAdam:
     def test_asks_for_one_evaluation_a_step(self):

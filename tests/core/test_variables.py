@@ -70,10 +70,16 @@ def test_values_on_or_beyond_a_bound_start_a_thousandth_inside_it_with_a_slope()
     assert bool((raw.grad > 1e-3).all())
 
 
-@pytest.mark.parametrize("value", [0.0, -2.0, math.nan])
+@pytest.mark.parametrize("value", [0.0, -2.0])
 def test_a_positive_variable_refuses_what_is_not_above_zero(value):
-    with pytest.raises(ValueError, match="Positive variable must be above 0"):
-        Positive().to_raw(torch.tensor([1.0, value]))
+    with pytest.raises(ValueError, match=f"Positive variable must be above 0, got {value:g}"):
+        Positive().to_raw(torch.tensor([1.0, math.nan, value]))
+
+
+def test_what_is_no_number_stays_so_in_its_own_row():
+    for space in (Angle(), Bounded(-1.0, 1.0), Positive(), Real()):
+        raw = space.to_raw(torch.tensor([0.5, math.nan, 0.25]))
+        torch.testing.assert_close(space.to_value(raw), torch.tensor([0.5, math.nan, 0.25]), equal_nan=True)
 
 
 @pytest.mark.parametrize("bounds", [(1.0, 1.0), (2.0, 1.0)])

@@ -153,6 +153,18 @@ def test_a_poor_drawing_is_told_where_the_fit_is_the_model_s_own() -> None:
     assert confidence(model, fit_of(), found(energy=1.9), None)[1] is None
 
 
+def test_a_poor_drawing_of_the_look_is_told_where_fits_with_depth_have_no_calibration() -> None:
+    terms = {"l1": torch.tensor([[[9.0, 0.5]], [[3.0, 0.1]]]), "depth": torch.ones(2, 1, 2)}
+    fit = replace(fit_of(), history=History(terms["l1"] + terms["depth"], terms, {}))
+    for energy, poor in ((4.0, True), (1.1, False)):
+        known = Calibration(1.0, {}, 2.0, {**FITS, "weights": {"l1": 1.0}}, 9)
+        said, note = confidence(None, fit, found(energy=energy), None, known)
+        assert said == (0.5 if poor else 0.9)
+        assert note is not None
+        assert note.startswith("confidence not calibrated, as the model's card")
+        assert ("explains the look of the picture poorly" in note) == poor
+
+
 def test_a_card_keeps_its_calibrations(tiny_file: Path) -> None:
     made, right, _ = made_up(30)
     told = [{"energy": one["x"], "looks": one["y"]} for one in made]

@@ -25,5 +25,5 @@ def test_pictures_come_back_from_the_file_in_their_colours_and_order(tmp_path, c
 
 
 def test_a_place_that_cannot_be_written_to_is_said(tmp_path):
-    with pytest.raises(OSError, match=r"video\.webm cannot be written"), VideoFile(tmp_path / "no/video.webm", 25) as v:
+    with pytest.raises(FileNotFoundError, match=r"no/video\.webm"), VideoFile(tmp_path / "no/video.webm", 25) as v:
         v.write(np.zeros((48, 64, 3), np.uint8))

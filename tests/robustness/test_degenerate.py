@@ -25,3 +25,31 @@ def test_colours_that_differ_a_little_are_not_called_one() -> None:
     rng = np.random.default_rng(0)
     answer = kfit.load("mug").pose(rng.uniform(0.4, 0.6, (60, 80, 3)).astype(np.float32), mask=SQUARE)
     assert not any(note.startswith("the object shows one colour") for note in answer.notes)
+
+
+YY, XX = np.mgrid[:60, :80]
+PHOTOS = {
+    "noise": np.random.default_rng(0).random((60, 80, 3)),
+    "checkerboard": np.repeat(((YY // 8 + XX // 8) % 2)[..., None], 3, 2),
+    "white": np.ones((60, 80, 3)),
+    "black": np.zeros((60, 80, 3)),
+}
+MASKS = {name: np.zeros((60, 80), np.float32) for name in ("square", "pixel", "full")}
+MASKS["square"][15:45, 25:55] = MASKS["pixel"][30, 40] = MASKS["full"][:] = 1
+DEPTHS = {"no depth": None, "flat": np.full((60, 80), 0.6, np.float32), "plane": (0.4 + 0.005 * XX).astype(np.float32)}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("category", ["bottle", "bowl", "camera", "can", "laptop", "mug"])
+@pytest.mark.parametrize(
+    ("photo", "mask", "depth"),
+    [
+        ("noise", "square", "no depth"), ("noise", "full", "no depth"), ("noise", "square", "flat"),
+        ("checkerboard", "square", "no depth"), ("checkerboard", "square", "plane"), ("black", "pixel", "no depth"),
+        ("white", "full", "flat"),
+    ],
+)  # fmt: skip
+def test_a_picture_without_an_object_is_answered_without_confidence(category, photo, mask, depth) -> None:
+    answer = kfit.load(category).pose(PHOTOS[photo].astype(np.float32), mask=MASKS[mask], depth=DEPTHS[depth])
+    assert answer.confidence <= 0.5
+    assert np.isfinite([*answer.rotation.flatten(), *answer.translation, *answer.size]).all()
