@@ -8,6 +8,7 @@ import os
 import platform
 import sys
 import time
+import unicodedata
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -98,7 +99,14 @@ class _Stderr(logging.Handler):
     """Writes to what `sys.stderr` is by then: while a bar is shown, a stream that writes above it."""
 
     def emit(self, record: logging.LogRecord) -> None:
-        print(self.format(record), file=sys.stderr)
+        print(_inert(self.format(record)), file=sys.stderr)
+
+
+def _inert(text: str) -> str:
+    """The text with escapes for the characters that would steer a terminal, as a stranger's file may hold them."""
+    return "".join(
+        sign if sign in "\n\t" or unicodedata.category(sign) not in ("Cc", "Cf") else ascii(sign)[1:-1] for sign in text
+    )
 
 
 @contextmanager

@@ -30,8 +30,8 @@ ROLES: dict[str, type[nn.Module]] = {
 }
 # Of kfit's own those that a file may name: what they compute by is in them, and they open no other file.
 OWN = {
-    "kfit.generators": "RadianceField VAE2D VAE3D ConvEncoder FeatureEncoder ExtentsHead PoseHead".split(),
-    "kfit.baselines": "CoordinateRegressor OrientationRegressor".split(),
+    "kfit.generators": ["RadianceField", "VAE2D", "VAE3D", "ConvEncoder", "FeatureEncoder", "ExtentsHead", "PoseHead"],
+    "kfit.baselines": ["CoordinateRegressor", "OrientationRegressor"],
 }
 # Numbers that the networks of even the smallest file may have: constants that it does not hold, and a margin.
 ROOM = 16_000_000
@@ -121,9 +121,7 @@ def _filled(said: Any, name: str, numbers: Mapping[Any, Any], path: Path) -> nn.
     try:
         network.load_state_dict(own)  # halves become floats again
     except RuntimeError:
-        raise ValueError(
-            f"{path} does not fit its card: the weights are not those of the {name} named there"
-        ) from None
+        raise ValueError(f"{path} does not fit its card: the weights are not those of the {name} named there") from None
     return network.eval()
 
 

@@ -16,7 +16,7 @@ from kfit.geometry import intrinsics_from_exif
 
 LARGEST_SIDE = 10_000
 # Pillow reads more kinds, whatever a file is called; PostScript among them, a program that it has Ghostscript run.
-KINDS = ("AVIF", "BMP", "DIB", "GIF", "JPEG", "JPEG2000", "MPO", "PNG", "PPM", "TGA", "TIFF", "WEBP")
+KINDS = ("AVIF", "BMP", "DIB", "GIF", "JPEG", "JPEG2000", "PNG", "PPM", "TGA", "TIFF", "WEBP")
 _EXIF_DIRECTORY = 0x8769
 
 
