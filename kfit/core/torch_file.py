@@ -56,7 +56,7 @@ def _holds(path: Path, word: bytes) -> bool:
 
 
 def _check_tensors(value: Any) -> None:
-    """Refuse tensors with more numbers than the file has for them; what is held twice is looked at once."""
+    """Refuse tensors that stand for far more numbers than they hold; what is held twice is looked at once."""
     left, met = [value], set()
     while left:
         one = left.pop()
@@ -68,6 +68,8 @@ def _check_tensors(value: Any) -> None:
         elif isinstance(one, list | tuple):
             left += one
         elif isinstance(one, Tensor) and (
-            one.layout != torch.strided or one.numel() * one.element_size() > one.untyped_storage().nbytes()
+            one.layout != torch.strided or one.numel() * one.element_size() > LARGEST_WEIGHTS
         ):
-            raise ValueError(f"it holds a tensor of shape {tuple(one.shape)}, but not its numbers")
+            raise ValueError(
+                f"it holds a tensor that stands for more than {LARGEST_WEIGHTS >> 30} GB: {tuple(one.shape)}"
+            )

@@ -104,7 +104,7 @@ def _measure(path: Path) -> None:
 
 
 def _measure_scene(scene: trimesh.Scene) -> None:
-    """Refuse what is far larger than its file, before it is unfolded: a part drawn many times, pictures of one colour."""
+    """Refuse what is far larger than its file, before it is unfolded: parts that return, pictures of one colour."""
     parts = [scene.geometry[scene.graph[node][1]] for node in scene.graph.nodes_geometry]
     faces = sum(len(getattr(part, "faces", ())) for part in parts)
     if faces > _MOST_FACES:

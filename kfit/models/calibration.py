@@ -67,8 +67,8 @@ class Calibration:
             fine = False
         if not fine:
             raise ValueError(
-                "a calibration's bias, coefficients, energy_99, views and the weights in fits must be numbers below 1e9, "
-                "and fits must tell starts, steps, left and weights"
+                "a calibration's bias, coefficients, energy_99, views and the weights in fits must be finite numbers "
+                "below 1e9, and fits must tell starts, steps, left and weights"
             )
         return found
 

@@ -107,7 +107,9 @@ def _filled(said: Any, name: str, numbers: Mapping[Any, Any], path: Path) -> nn.
     own = {key.removeprefix(f"{name}."): t for key, t in numbers.items() if str(key).startswith(f"{name}.")}
     kind = _kind(said["class_path"])
     if not (isinstance(kind, type) and issubclass(kind, ROLES[name])):
-        raise ValueError(f"{path} names {named} as {name}: no {name} of kfit, nor of a module imported before")
+        raise ValueError(
+            f"{path} names {named} as {name}: no network of kfit, nor of a module imported before, that could be one"
+        )
     if not all(isinstance(tensor, Tensor) for tensor in own.values()):
         raise ValueError(f"{path} holds something else than tensors for the {name}")
     try:
