@@ -9,10 +9,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import torch
 from safetensors import SafetensorError
 from safetensors.torch import load_file, save
 from torch import Tensor, nn
-from torch.utils._python_dispatch import TorchDispatchMode
+from torch.overrides import TorchFunctionMode
 
 from kfit.core import Encoder, Generator, PoseNetwork
 from kfit.core.torch_file import LARGEST_WEIGHTS, read_torch
@@ -33,6 +34,8 @@ OWN = {
     "kfit.generators": ["RadianceField", "VAE2D", "VAE3D", "ConvEncoder", "FeatureEncoder", "ExtentsHead", "PoseHead"],
     "kfit.baselines": ["CoordinateRegressor", "OrientationRegressor"],
 }
+# What layers are made by, which are told the shape first.
+MAKERS = (torch.empty, torch.zeros, torch.ones, torch.rand, torch.randn, torch.full)
 # Numbers that the networks of even the smallest file may have: constants that it does not hold, and a margin.
 ROOM = 16_000_000
 
@@ -135,17 +138,17 @@ def _kind(class_path: str) -> Any:
     return vars(sys.modules[module]).get(kind) if module in sys.modules else None
 
 
-class _Limited(TorchDispatchMode):
+class _Limited(TorchFunctionMode):
     """Refuses tensors before they are made, once they would hold more than ``most`` numbers in all."""
 
     def __init__(self, most: int) -> None:
         super().__init__()
         self.left = most
 
-    def __torch_dispatch__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
-        # Those that make tensors are told the shape first.
-        if args and isinstance(args[0], list | tuple) and all(isinstance(side, int) for side in args[0]):
-            self.left -= math.prod(args[0])
+    def __torch_function__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+        if func in MAKERS:
+            shape = args[0] if args and isinstance(args[0], list | tuple) else args
+            self.left -= math.prod(side for side in shape if isinstance(side, int))
             if self.left < 0:
                 raise ValueError("it would be far larger than its file")
         return func(*args, **(kwargs or {}))
