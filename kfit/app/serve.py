@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import sys
 import webbrowser
 from collections.abc import Awaitable, Callable
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from tempfile import TemporaryDirectory, gettempdir
 from threading import Event
 from typing import Any
 
@@ -21,6 +22,7 @@ POLICY = (
     "default-src 'self' 'unsafe-inline' 'unsafe-eval' data: blob:; object-src 'none'; frame-ancestors 'none'; "
     "base-uri 'self'; form-action 'self'"
 )
+PREFIX = "kfit-app-"
 SWITCHES = {
     "GRADIO_ANALYTICS_ENABLED": "False",
     "HF_HUB_DISABLE_TELEMETRY": "1",
@@ -30,13 +32,20 @@ SWITCHES = {
 
 
 class OnlySelf:
-    """Tells the browser to ask this server alone."""
+    """Tells the browser to ask this server alone, and answers no other site's page."""
 
     def __init__(self, app: Callable[..., Awaitable[None]]) -> None:
         self.app = app
 
     async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
-        """Add the headers to an answer."""
+        """Add the headers to an answer; refuse what a browser asks for another site."""
+        if scope["type"] == "http":
+            told = dict(scope["headers"])
+            origin = told.get(b"origin")
+            if origin is not None and origin.partition(b"://")[2] != told.get(b"host"):
+                await send({"type": "http.response.start", "status": 403, "headers": []})
+                await send({"type": "http.response.body", "body": b"This page is asked by itself alone."})
+                return
 
         async def with_policy(message: dict[str, Any]) -> None:
             if message["type"] == "http.response.start":
@@ -59,7 +68,8 @@ def serve(host: str, port: int | None) -> None:
         OSError: if the port is taken.
     """
     os.environ.update(SWITCHES)
-    with TemporaryDirectory(prefix="kfit-app-") as folder:
+    remove_left(Path(gettempdir()))
+    with TemporaryDirectory(prefix=f"{PREFIX}{os.getpid()}-") as folder:
         os.environ["GRADIO_TEMP_DIR"] = folder  # Gradio reads it when it is imported
         try:
             import gradio as gr
@@ -106,6 +116,27 @@ def serve(host: str, port: int | None) -> None:
             Event().wait()
         except KeyboardInterrupt:
             blocks.close(verbose=False)
+
+
+def remove_left(place: Path) -> None:
+    """Delete what servers of this user left in a folder that were killed before they could."""
+    if not hasattr(os, "getuid"):  # on Windows asking after a process would end it
+        return
+    for folder in place.glob(f"{PREFIX}*-*"):
+        number = folder.name.removeprefix(PREFIX).partition("-")[0]
+        mine = not folder.is_symlink() and folder.is_dir() and folder.stat().st_uid == os.getuid()
+        if mine and number.isdecimal() and not _runs(int(number)):
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+def _runs(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except PermissionError:
+        return True
+    return True
 
 
 def _has_screen() -> bool:

@@ -7,6 +7,7 @@ import os
 import sys
 import warnings
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 from lightning.fabric.plugins import TorchCheckpointIO
@@ -18,6 +19,7 @@ from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger
 from kfit.cli.help_page import HelpPage
 from kfit.cli.session import session
 from kfit.geometry.categories import CATEGORIES, Category
+from kfit.models.recipe_file import check_recipe
 from kfit.training import ConditionalVAE, PictureGrid, WholeCheckpoints
 
 # Arguments of the model's parts that the category of the data decides, where a part has such an argument.
@@ -103,6 +105,10 @@ def main(args: Sequence[str] | None = None) -> None:
 
 def run(words: Sequence[str], callbacks: Sequence[Callback] = ()) -> None:
     """What Lightning's command line does with these words, and with callbacks beside the recipe's."""
+    for before, word in zip(["", *words], words, strict=False):
+        place = word.partition("=")[2] if word.startswith("--config=") else word
+        if (before in ("-c", "--config") or place.endswith((".yaml", ".yml"))) and Path(place).is_file():
+            check_recipe(place)
     # A console script does not see the working folder. Last, so that it can shadow nothing.
     if os.getcwd() not in sys.path:
         sys.path.append(os.getcwd())

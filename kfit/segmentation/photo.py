@@ -15,6 +15,8 @@ from torch import Tensor
 from kfit.geometry import intrinsics_from_exif
 
 LARGEST_SIDE = 10_000
+# Pillow reads more kinds, whatever a file is called; PostScript among them, a program that it has Ghostscript run.
+KINDS = ("AVIF", "BMP", "DIB", "GIF", "JPEG", "JPEG2000", "PNG", "PPM", "TGA", "TIFF", "WEBP")
 _EXIF_DIRECTORY = 0x8769
 
 
@@ -34,7 +36,7 @@ class Photo:
 
 
 def read_photo(path: str | Path) -> Photo:
-    """Read a photo of any kind that Pillow reads: 8 or 16 bits, grey, palette, CMYK, with or without alpha.
+    """Read a photo of one of the `KINDS`: 8 or 16 bits, grey, palette, CMYK, with or without alpha.
 
     The EXIF rotation is carried out. Of a file with several pictures the first is read.
 
@@ -145,7 +147,7 @@ def _open(path: str | Path) -> tuple[Image.Image, dict[int, object]]:
         with warnings.catch_warnings():
             # Pillow warns of large pictures, which are measured below, and of EXIF tags that it cannot read.
             warnings.simplefilter("ignore")
-            with Image.open(path) as picture:
+            with Image.open(path, formats=KINDS) as picture:
                 if max(picture.size) > LARGEST_SIDE:
                     raise ValueError(
                         f"{path} has {picture.width} x {picture.height} pixels, more than {LARGEST_SIDE:,} on a side"
