@@ -5,7 +5,8 @@ from __future__ import annotations
 import os
 import shutil
 import time
-from contextlib import AbstractContextManager
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager
 from typing import Any
 
 import torch
@@ -69,6 +70,17 @@ def on_one_core(worker: int) -> None:
     import cv2
 
     cv2.setNumThreads(0)  # with 1 a forked process waits forever for threads that are its parent's
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Have PyTorch compute with one thread of the CPU in a ``with`` statement, whatever ends it."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
 
 
 class Operations(TorchDispatchMode):

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import warnings
 from pathlib import Path
 
 import cv2
 import numpy as np
 import trimesh
 
+from kfit.core.quiet import quiet
 from kfit.data.mesh import Mesh, join
 
 _SUFFIXES = (".obj", ".glb", ".ply")
@@ -59,8 +59,7 @@ def load_mesh(path: str | Path) -> Mesh:
         raise ValueError(f"path must name a file of at most 2 GB, but {path} has {path.stat().st_size:,} bytes.")
     try:
         # Scans may hold undefined texture coordinates, of which numpy warns while they are read.
-        with np.errstate(all="ignore"), warnings.catch_warnings():
-            warnings.simplefilter("ignore")
+        with np.errstate(all="ignore"), quiet():
             scene = trimesh.load_scene(path, process=False)
         geometries = [g for g in scene.dump() if isinstance(g, trimesh.Trimesh) and len(g.faces)]
     except Exception as error:  # trimesh raises whatever its many parsers raise
