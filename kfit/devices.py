@@ -7,11 +7,17 @@ import shutil
 import time
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
+from functools import partial
 from typing import Any
 
 import torch
 from torch import nn
 from torch.utils._python_dispatch import TorchDispatchMode
+
+# A forked process would wait forever for OpenMP's threads, which are its parent's: PyTorch hangs there in the first
+# operation that wants more than one.
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=partial(torch.set_num_threads, 1))
 
 
 def device_of(name: str) -> torch.device:
