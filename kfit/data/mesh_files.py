@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import struct
-import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,6 +14,7 @@ import numpy as np
 import trimesh
 from PIL import EpsImagePlugin
 
+from kfit.core.quiet import quiet
 from kfit.data.mesh import Mesh, join
 
 _SUFFIXES = (".obj", ".glb", ".ply")
@@ -67,8 +67,7 @@ def load_mesh(path: str | Path) -> Mesh:
         raise ValueError(f"path must name a file of at most 2 GB, but {path} has {path.stat().st_size:,} bytes.")
     try:
         # Scans may hold undefined texture coordinates, of which numpy warns while they are read.
-        with np.errstate(all="ignore"), warnings.catch_warnings(), _without_ghostscript():
-            warnings.simplefilter("ignore")
+        with np.errstate(all="ignore"), quiet(), _without_ghostscript():
             if path.suffix.lower() == ".glb":
                 _measure(path)
             scene = trimesh.load_scene(path, process=False)

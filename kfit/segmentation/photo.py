@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageOps, UnidentifiedImageError
 from torch import Tensor
 
+from kfit.core.quiet import quiet
 from kfit.geometry import intrinsics_from_exif
 
 LARGEST_SIDE = 10_000
@@ -144,19 +144,17 @@ def _open(path: str | Path) -> tuple[Image.Image, dict[int, object]]:
     if not Path(path).exists():
         raise FileNotFoundError(f"there is no file {path}")
     try:
-        with warnings.catch_warnings():
-            # Pillow warns of large pictures, which are measured below, and of EXIF tags that it cannot read.
-            warnings.simplefilter("ignore")
-            with Image.open(path, formats=KINDS) as picture:
-                if max(picture.size) > LARGEST_SIDE:
-                    raise ValueError(
-                        f"{path} has {picture.width} x {picture.height} pixels, more than {LARGEST_SIDE:,} on a side"
-                    )
-                kind = picture.format
-                exif = picture.getexif()
-                tags = {**exif, **exif.get_ifd(_EXIF_DIRECTORY)}
-                picture.load()
-                upright = ImageOps.exif_transpose(picture)
+        # Pillow warns of large pictures, which are measured below, and of EXIF tags that it cannot read.
+        with quiet(), Image.open(path, formats=KINDS) as picture:
+            if max(picture.size) > LARGEST_SIDE:
+                raise ValueError(
+                    f"{path} has {picture.width} x {picture.height} pixels, more than {LARGEST_SIDE:,} on a side"
+                )
+            kind = picture.format
+            exif = picture.getexif()
+            tags = {**exif, **exif.get_ifd(_EXIF_DIRECTORY)}
+            picture.load()
+            upright = ImageOps.exif_transpose(picture)
     except Image.DecompressionBombError as error:
         raise ValueError(f"{path} has far more than {LARGEST_SIDE:,} pixels on a side") from error
     except (UnidentifiedImageError, IsADirectoryError, PermissionError) as error:
