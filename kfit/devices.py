@@ -5,12 +5,19 @@ from __future__ import annotations
 import os
 import shutil
 import time
-from contextlib import AbstractContextManager
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager
+from functools import partial
 from typing import Any
 
 import torch
 from torch import nn
 from torch.utils._python_dispatch import TorchDispatchMode
+
+# A forked process would wait forever for OpenMP's threads, which are its parent's: PyTorch hangs there in the first
+# operation that wants more than one.
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=partial(torch.set_num_threads, 1))
 
 
 def device_of(name: str) -> torch.device:
@@ -69,6 +76,17 @@ def on_one_core(worker: int) -> None:
     import cv2
 
     cv2.setNumThreads(0)  # with 1 a forked process waits forever for threads that are its parent's
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Have PyTorch compute with one thread of the CPU in a ``with`` statement, whatever ends it."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
 
 
 class Operations(TorchDispatchMode):

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import socket
 import sys
 import webbrowser
 from collections.abc import Awaitable, Callable
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from tempfile import TemporaryDirectory, gettempdir
 from threading import Event
 from typing import Any
 
@@ -23,6 +24,7 @@ POLICY = (
     "default-src 'self' 'unsafe-inline' 'unsafe-eval' data: blob:; object-src 'none'; frame-ancestors 'none'; "
     "base-uri 'self'; form-action 'self'"
 )
+PREFIX = "kfit-app-"
 SWITCHES = {
     "GRADIO_ANALYTICS_ENABLED": "False",
     "HF_HUB_DISABLE_TELEMETRY": "1",
@@ -32,13 +34,20 @@ SWITCHES = {
 
 
 class OnlySelf:
-    """Tells the browser to ask this server alone."""
+    """Tells the browser to ask this server alone, and answers no other site's page."""
 
     def __init__(self, app: Callable[..., Awaitable[None]]) -> None:
         self.app = app
 
     async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
-        """Add the headers to an answer."""
+        """Add the headers to an answer; refuse what a browser asks for another site."""
+        if scope["type"] == "http":
+            told = dict(scope["headers"])
+            origin = told.get(b"origin")
+            if origin is not None and origin.partition(b"://")[2] != told.get(b"host"):
+                await send({"type": "http.response.start", "status": 403, "headers": []})
+                await send({"type": "http.response.body", "body": b"This page is asked by itself alone."})
+                return
 
         async def with_policy(message: dict[str, Any]) -> None:
             if message["type"] == "http.response.start":
@@ -65,7 +74,8 @@ def serve(host: str, port: int | None) -> None:
         check_count("--port", port, 1, 65535)
     _check_host(host)
     os.environ.update(SWITCHES)
-    with TemporaryDirectory(prefix="kfit-app-") as folder:
+    remove_left(Path(gettempdir()))
+    with TemporaryDirectory(prefix=f"{PREFIX}{os.getpid()}-") as folder:
         os.environ["GRADIO_TEMP_DIR"] = folder  # Gradio reads it when it is imported
         try:
             import gradio as gr
@@ -124,6 +134,27 @@ def _check_host(host: str) -> None:
             there.bind((host, 0))
     except (OSError, UnicodeError) as error:
         raise OSError(f"--host must be an address of this machine, got {host!r}: {error}") from None
+
+
+def remove_left(place: Path) -> None:
+    """Delete what servers of this user left in a folder that were killed before they could."""
+    if not hasattr(os, "getuid"):  # on Windows asking after a process would end it
+        return
+    for folder in place.glob(f"{PREFIX}*-*"):
+        number = folder.name.removeprefix(PREFIX).partition("-")[0]
+        mine = not folder.is_symlink() and folder.is_dir() and folder.stat().st_uid == os.getuid()
+        if mine and number.isdecimal() and not _runs(int(number)):
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+def _runs(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except PermissionError:
+        return True
+    return True
 
 
 def _has_screen() -> bool:

@@ -112,7 +112,12 @@ class Session:
         return join(["kfit", "pose", self._name, "--category", category, *self._told])
 
     def write(self, result: PoseResult) -> tuple[Path, Path]:
-        """Write what can be downloaded: report.html and pose.json, both or neither."""
+        """Write what can be downloaded: report.html and pose.json, both or neither.
+
+        Raises:
+            ValueError: if the visit is over; the folder would be there for good.
+        """
+        self._seen()
         from kfit import report
 
         page, numbers = write_whole(

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
 
 from PIL import Image, UnidentifiedImageError
 
+from kfit.core.quiet import quiet
 from kfit.segmentation import Photo, read_photo
 
 LARGEST_FILE = 20 * 2**20
@@ -47,10 +47,9 @@ def _measure(path: Path) -> None:
     if size > LARGEST_FILE:
         raise ValueError(f"{path} has {size / 2**20:.1f} MB; the page takes pictures of at most {LARGEST_FILE >> 20}")
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # Pillow's own warning of large pictures
-            with Image.open(path, formats=list(KINDS)) as picture:  # reads the head alone
-                width, height = picture.size
+        # reads the head alone, without Pillow's own warning of large pictures
+        with quiet(), Image.open(path, formats=list(KINDS)) as picture:
+            width, height = picture.size
     except UnidentifiedImageError as error:
         raise ValueError(f"{path} is no JPEG, PNG or WebP picture, which the page takes") from error
     except Image.DecompressionBombError as error:

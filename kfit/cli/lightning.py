@@ -7,7 +7,7 @@ import os
 import sys
 import warnings
 from collections.abc import Callable, Sequence
-from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 from jsonargparse import ArgumentError
@@ -21,6 +21,7 @@ from kfit.cli.help_page import HelpPage
 from kfit.cli.session import session
 from kfit.geometry.categories import CATEGORIES, Category
 from kfit.mistakes import sentence
+from kfit.models.recipe_file import check_recipe
 from kfit.training import ConditionalVAE, PictureGrid, WholeCheckpoints
 
 # Arguments of the model's parts that the category of the data decides, where a part has such an argument.
@@ -60,11 +61,7 @@ class _CLI(LightningCLI):
             super().parse_arguments(parser, args)
         except (ArgumentError, TypeError) as error:
             command = " ".join(["kfit", *(word for word in args[:1] if word in COMMANDS)])
-            told = sentence(str(error))
-            if told.startswith("Problems parsing config"):  # it does not say of which file
-                recipes = [name for option, name in pairwise(args) if option in ("-c", "--config")]
-                told = f"{', '.join(recipes)}: {told}"
-            raise ValueError(f"{told}; `{command} --help` tells more") from None
+            raise ValueError(f"{sentence(str(error))}; `{command} --help` tells more") from None
 
     def instantiate_classes(self) -> None:
         """Build the parts; of what one of them refuses, the sentence that it says."""
@@ -125,6 +122,10 @@ def main(args: Sequence[str] | None = None) -> None:
 
 def run(words: Sequence[str], callbacks: Sequence[Callback] = ()) -> None:
     """What Lightning's command line does with these words, and with callbacks beside the recipe's."""
+    for before, word in zip(["", *words], words, strict=False):
+        place = word.partition("=")[2] if word.startswith("--config=") else word
+        if (before in ("-c", "--config") or place.endswith((".yaml", ".yml"))) and Path(place).is_file():
+            check_recipe(place)
     # A console script does not see the working folder. Last, so that it can shadow nothing.
     if os.getcwd() not in sys.path:
         sys.path.append(os.getcwd())

@@ -91,7 +91,8 @@ def parser() -> ArgumentParser:
         type=str,
         default=None,
         metavar="RECIPE.yaml",
-        help="fit as a recipe says, such as recipes/fit_released.yaml (default: kfit's own way)",
+        help="fit as a recipe says, such as recipes/fit_released.yaml (default: kfit's own way); a recipe names Python "
+        "classes, so run one only of whom you trust, like a program",
     )
     fit.add_argument("--device", type=str, default="cpu", help="cpu, cuda or whatever PyTorch calls it")
     fit.add_argument(

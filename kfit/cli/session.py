@@ -9,6 +9,7 @@ import platform
 import re
 import sys
 import time
+import unicodedata
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -100,7 +101,7 @@ class _Stderr(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         with suppress(OSError):  # where nothing can be told, the exit status still tells
-            print(self.format(record), file=sys.stderr)
+            print(_inert(self.format(record)), file=sys.stderr)
 
 
 def _flush() -> None:
@@ -110,6 +111,13 @@ def _flush() -> None:
         sys.stdout.flush()
     except OSError as error:
         raise OSError(error.errno, error.strerror, "standard output") from None
+
+
+def _inert(text: str) -> str:
+    """The text with escapes for the characters that would steer a terminal, as a stranger's file may hold them."""
+    return "".join(
+        sign if sign in "\n\t" or unicodedata.category(sign) not in ("Cc", "Cf") else ascii(sign)[1:-1] for sign in text
+    )
 
 
 @contextmanager

@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
-import warnings
+import json
+import struct
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import trimesh
+from PIL import EpsImagePlugin
 
+from kfit.core.quiet import quiet
 from kfit.data.mesh import Mesh, join
 
 _SUFFIXES = (".obj", ".glb", ".ply")
 _MAX_TEXTURE = 1024
 _LARGEST_FILE = 2 * 1024**3
+_MOST_FACES, _MOST_NODES = 50_000_000, 5_000
+_MOST_TEXELS, _LARGEST_TEXTURE = 400_000_000, 8192
 # Squares of coordinates up to here are finite in single precision.
 _FARTHEST = 1e15
 
@@ -59,10 +67,12 @@ def load_mesh(path: str | Path) -> Mesh:
         raise ValueError(f"path must name a file of at most 2 GB, but {path} has {path.stat().st_size:,} bytes.")
     try:
         # Scans may hold undefined texture coordinates, of which numpy warns while they are read.
-        with np.errstate(all="ignore"), warnings.catch_warnings():
-            warnings.simplefilter("ignore")
+        with np.errstate(all="ignore"), quiet(), _without_ghostscript():
+            if path.suffix.lower() == ".glb":
+                _measure(path)
             scene = trimesh.load_scene(path, process=False)
-        geometries = [g for g in scene.dump() if isinstance(g, trimesh.Trimesh) and len(g.faces)]
+            _measure_scene(scene)
+            geometries = [g for g in scene.dump() if isinstance(g, trimesh.Trimesh) and len(g.faces)]
     except Exception as error:  # trimesh raises whatever its many parsers raise
         raise ValueError(f"path must hold a readable mesh, but {path} does not ({error}).") from error
     if not geometries:
@@ -71,13 +81,53 @@ def load_mesh(path: str | Path) -> Mesh:
     if not largest < _FARTHEST:
         raise ValueError(f"path must hold finite vertices, but {path} has one at {largest:g}.")
     for geometry in geometries:
-        if geometry.faces.min() < 0 or geometry.faces.max() >= len(geometry.vertices):
-            raise ValueError(f"path must hold whole triangles, but {path} has some of vertices that are not there.")
-    mesh = join([_part(geometry) for geometry in geometries])
+        if not 0 <= int(geometry.faces.min()) <= int(geometry.faces.max()) < len(geometry.vertices):
+            raise ValueError(f"path must hold whole triangles, but those of {path} have corners that are not there.")
+    try:
+        with _without_ghostscript():
+            mesh = join([_part(geometry) for geometry in geometries])
+    except (OSError, SyntaxError) as error:
+        raise ValueError(f"path must hold a readable mesh, but a picture of {path} is not ({error}).") from error
     corners = mesh.vertices[mesh.faces]
     if not np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).any():
         raise ValueError(f"path must hold triangles with an area, but {path} has none.")
     return mesh
+
+
+def _measure(path: Path) -> None:
+    """Refuse a GLB file whose head asks for more than the file holds: accessors may stand for zeros, nodes be many."""
+    with path.open("rb") as file:
+        (length,) = struct.unpack("<12xI4x", file.read(20))
+        said = json.loads(file.read(min(length, path.stat().st_size)))
+    nodes, values = len(said.get("nodes", [])), sum(int(one["count"]) for one in said.get("accessors", []))
+    if nodes > _MOST_NODES:
+        raise ValueError(f"it has {nodes:,} nodes, more than {_MOST_NODES:,}")
+    if values > path.stat().st_size:
+        raise ValueError(f"its accessors have {values:,} values, more than the file has bytes")
+
+
+def _measure_scene(scene: trimesh.Scene) -> None:
+    """Refuse what is far larger than its file, before it is unfolded: parts that return, pictures of one colour."""
+    parts = [scene.geometry[scene.graph[node][1]] for node in scene.graph.nodes_geometry]
+    faces = sum(len(getattr(part, "faces", ())) for part in parts)
+    if faces > _MOST_FACES:
+        raise ValueError(f"it has {faces:,} faces, more than {_MOST_FACES:,}")
+    sizes = [image.size for part in parts if (image := _image(getattr(part.visual, "material", None))) is not None]
+    texels = sum(width * height for width, height in sizes)
+    if texels > _MOST_TEXELS or any(max(size) > _LARGEST_TEXTURE for size in sizes):
+        raise ValueError(
+            f"its textures have {texels:,} texels, and at most {_MOST_TEXELS:,} are read, {_LARGEST_TEXTURE} a side"
+        )
+
+
+@contextmanager
+def _without_ghostscript() -> Iterator[None]:
+    """Pillow takes PostScript for a picture, whatever it is called, and would have Ghostscript run it."""
+    before, EpsImagePlugin.gs_binary = EpsImagePlugin.gs_binary, False
+    try:
+        yield
+    finally:
+        EpsImagePlugin.gs_binary = before
 
 
 def _part(geometry: trimesh.Trimesh) -> Mesh:
@@ -151,9 +201,7 @@ def _wrapped(
 
 def _material_texture(material: object) -> np.ndarray:
     """The material's picture times its colour, or a tile of its colour."""
-    image = getattr(material, "image", None)
-    if image is None:
-        image = getattr(material, "baseColorTexture", None)
+    image = _image(material)
     color = getattr(material, "baseColorFactor", None)
     if color is None and image is None:
         color = getattr(material, "diffuse", None)
@@ -162,8 +210,13 @@ def _material_texture(material: object) -> np.ndarray:
         tint = tint / 255
     if image is None:
         return np.broadcast_to((tint * 255 + 0.5).astype(np.uint8), (4, 4, 3)).copy()
-    picture = _shrunk(np.asarray(image.convert("RGB"), np.uint8))
-    return (picture * tint).astype(np.uint8)
+    return (_shrunk(np.asarray(image.convert("RGB"), np.uint8)) * tint).astype(np.uint8)
+
+
+def _image(material: object) -> Any:
+    """The material's picture, as Pillow has it; None where it has none."""
+    image = getattr(material, "image", None)
+    return getattr(material, "baseColorTexture", None) if image is None else image
 
 
 def _shrunk(picture: np.ndarray) -> np.ndarray:

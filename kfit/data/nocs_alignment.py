@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import warnings
-
 import numpy as np
 from numpy.typing import NDArray
 from skimage.measure import ransac
 from skimage.transform import SimilarityTransform
 
 from kfit.core.check import check_count, check_positive
+from kfit.core.quiet import quiet
 
 _MIN_PAIRS = 16
 
@@ -47,9 +46,7 @@ def align(
         raise ValueError(f"coordinates and points must both be (M, 3), got {coordinates.shape} and {points.shape}")
     if len(points) < _MIN_PAIRS:
         raise ValueError(f"coordinates and points must hold at least {_MIN_PAIRS} pairs, got {len(points)}")
-    with warnings.catch_warnings():
-        # That nothing agrees is told below, in one sentence.
-        warnings.filterwarnings("ignore", message="No inliers found")
+    with quiet():  # that nothing agrees is told below, in one sentence
         model, agree = ransac(
             (coordinates.astype(np.float64), points.astype(np.float64)),
             SimilarityTransform,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from kfit.data.nocs_alignment import align
 from kfit.data.nocs_models import NOCSModel, read_meta
@@ -23,6 +25,7 @@ REAL_INTRINSICS = ((591.0125, 0.0, 322.525), (0.0, 590.16775, 244.11084), (0.0, 
 _NAMES = {category.nocs_id: name for name, category in CATEGORIES.items()}
 _NO_DEPTH = 32001  # what CAMERA writes where its renderer drew nothing
 _BACKGROUND = 255
+_LARGEST_SIDE = 10_000
 
 
 @dataclass(frozen=True)
@@ -143,7 +146,14 @@ def read_depth(path: str | Path) -> NDArray[np.floating]:
 def _picture(path: Path, how: int = cv2.IMREAD_COLOR) -> NDArray[Any]:
     if not path.is_file():
         raise FileNotFoundError(f"there is no file {path}")
-    picture: NDArray[Any] | None = cv2.imread(str(path), how)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # Pillow's own warning of large pictures
+            with Image.open(path, formats=["PNG"]) as head:  # reads the head alone
+                small = max(head.size) <= _LARGEST_SIDE
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError):
+        small = False
+    picture: NDArray[Any] | None = cv2.imread(str(path), how) if small else None
     if picture is None:
         raise ValueError(f"{path} is not an image that can be read")
     return picture

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
+
+# Bytes of three numbers with their header, and some.
+_LARGEST_SCALE = 10_000
 
 
 @dataclass(frozen=True)
@@ -52,6 +56,8 @@ def read_meta(path: Path, models: str | Path | None) -> dict[int, tuple[int, NOC
 
 def _model(words: list[str], folder: Path | None) -> NOCSModel:
     name = "/".join(words)
+    if Path(name).is_absolute() or ".." in Path(name).parts:
+        raise ValueError(f"the meta file names a model outside of the folder of models: {name!r}")
     if folder is None:
         return NOCSModel(name)
     if len(words) == 2:
@@ -77,8 +83,14 @@ def _size_from_extents(path: Path) -> NDArray[np.float64] | None:
 def _size_from_npz(path: Path) -> NDArray[np.float64] | None:
     if not path.is_file():
         return None
-    with np.load(path, allow_pickle=False) as file:
-        scale = np.asarray(file["scale"], np.float64)
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            unpacked = sum(part.file_size for part in file.zip.infolist() if part.filename == "scale.npy")
+            scale = np.asarray(file["scale"], np.float64) if unpacked <= _LARGEST_SCALE else np.zeros(0)
+    except (OSError, KeyError, ValueError, AttributeError, BadZipFile):
+        scale = np.zeros(0)
+    if scale.shape != (3,) or not np.isfinite(scale).all() or not scale.any():
+        raise ValueError(f"{path} must hold three numbers of a box, its scale")
     return scale / np.linalg.norm(scale)
 
 

@@ -13,6 +13,7 @@ from safetensors.torch import load_file
 from torch import Tensor, nn
 
 from kfit.core.check import check_text
+from kfit.core.torch_file import read_torch
 
 _log = logging.getLogger(__name__)
 
@@ -66,10 +67,8 @@ def _read(path: str) -> Mapping[str, Tensor]:
     if not Path(path).is_file():
         raise FileNotFoundError(f"weights: there is no file {path}")
     try:
-        if str(path).endswith(".safetensors"):
-            return load_file(path)
-        state = torch.load(path, map_location="cpu", weights_only=True)
-    except (SafetensorError, RuntimeError, EOFError, OSError, pickle.UnpicklingError) as error:
+        state = load_file(path) if str(path).endswith(".safetensors") else read_torch(path)
+    except (SafetensorError, ValueError, OSError) as error:
         raise ValueError(
             f"weights: {path} can not be read; it must be a whole .pth or .safetensors file of tensors by name"
         ) from error

@@ -7,13 +7,17 @@ from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-from kfit.core.check import check_names
+from kfit.core.check import check_choice, check_dict, check_names, check_range, check_rising, check_text
 from kfit.geometry import CATEGORIES, Category
 from kfit.models.calibration import Calibration
 
 FORMAT = 1
 # Of fits that a calibration may be of: to colour alone, and to depth too.
 KINDS = ("RGB", "RGB-D")
+NETWORKS = ("generator", "encoder", "extents")
+OPTIONAL = ("pose_head",)
+# Bytes; the bundled ones have some thousands.
+LARGEST = 10_000_000
 
 
 @dataclass
@@ -51,6 +55,20 @@ class Card:
     calibration: dict[str, Calibration] = field(default_factory=dict)
     format: int = FORMAT
 
+    def __post_init__(self) -> None:
+        check_choice("category", self.category, list(CATEGORIES))
+        check_dict("networks", self.networks, check_dict, _anything)
+        check_names("networks", self.networks, (*NETWORKS, *OPTIONAL))
+        check_range("distance", self.distance, 1, 1e6)
+        check_range("unit_fraction", self.unit_fraction, 0.1, 10)
+        check_rising("elevation_deg", self.elevation_deg, -90, 90)
+        check_text("axes", self.axes)
+        check_choice("symmetry", self.symmetry, ("none", "y"))
+        check_range("mean_diagonal", self.mean_diagonal, 1e-4, 1e4)
+        check_range("pose_weight", self.pose_weight, 0, 1e6)
+        check_dict("training", self.training, _anything)
+        check_dict("accuracy", self.accuracy, _anything)
+
     @property
     def known(self) -> Category:
         """The category's entry in `kfit.geometry.CATEGORIES`."""
@@ -70,9 +88,11 @@ class Card:
         """
         if not path.is_file():
             raise FileNotFoundError(f"no model card at {path}; a model is two files, NAME.safetensors and NAME.json")
+        if (size := path.stat().st_size) > LARGEST:
+            raise ValueError(f"{path} is not a model card: it has {size:,} bytes, more than {LARGEST:,}")
         try:
-            said = json.loads(path.read_text())
-        except (json.JSONDecodeError, UnicodeDecodeError) as error:
+            said = json.loads(path.read_text(encoding="utf-8"))
+        except (ValueError, RecursionError) as error:
             raise ValueError(f"{path} is not a model card: {error}") from None
         names = {f.name for f in fields(Card)}
         if isinstance(said, dict):
@@ -81,13 +101,19 @@ class Card:
             raise ValueError(
                 f"{path} is not a model card of format {FORMAT}: it must hold just {', '.join(sorted(names))}"
             )
-        if said["category"] not in CATEGORIES:
-            raise ValueError(f"{path} names category {said['category']!r}; those known are {', '.join(CATEGORIES)}")
         try:
-            if not isinstance(said["calibration"], dict):
-                raise ValueError("it must be a dictionary")
+            check_dict("calibration", said["calibration"], _anything)
             check_names("calibration", said["calibration"], KINDS)
             calibration = {kind: Calibration.of(one) for kind, one in said["calibration"].items()}
-        except ValueError as error:
+        except (ValueError, TypeError) as error:
             raise ValueError(f"{path} holds a calibration that cannot be used: {error}") from None
-        return Card(**{**said, "elevation_deg": tuple(said["elevation_deg"]), "calibration": calibration})
+        try:
+            card = Card(**{**said, "calibration": calibration})
+        except (ValueError, TypeError) as error:
+            raise ValueError(f"{path} is a model card that cannot be used: {error}") from None
+        card.elevation_deg = (card.elevation_deg[0], card.elevation_deg[1])
+        return card
+
+
+def _anything(name: str, value: object) -> None:
+    """Checks nothing."""

@@ -16,7 +16,7 @@ from torch import nn
 
 from kfit.core import FitError, Observation
 from kfit.core.check import check_choice, check_count, check_dict, check_names, check_text
-from kfit.devices import cores
+from kfit.devices import cores, one_thread
 from kfit.geometry import CATEGORIES
 from kfit.models.category_model import CategoryModel
 from kfit.models.fit_data import FitData, ImageToFit, Look, Unreadable
@@ -107,9 +107,7 @@ class DatasetFit(LightningModule):
         data.num_workers = 0 if self.trainer.strategy.root_device.type == "cpu" else min(READERS, shared)
 
     def on_predict_start(self) -> None:
-        """Compute with one thread, so that results do not depend on how many processes share the cores."""
-        self._num_threads = torch.get_num_threads()
-        torch.set_num_threads(1)
+        """Move the models to where they are to compute."""
         for model in self.models.values():
             model.to(self.device)
 
@@ -139,7 +137,6 @@ class DatasetFit(LightningModule):
 
     def on_predict_end(self) -> None:
         """Say what was done, and wait for the processes that were started on this machine."""
-        torch.set_num_threads(self._num_threads)
         parts = [f"{self.counts['objects']} objects in {self.counts['images']} images fitted into {self.folder.path}"]
         parts += [
             f"{count} {name} not, for there is {self._no_model}" for name, count in sorted(self.modelless.items())
@@ -198,12 +195,13 @@ class DatasetFit(LightningModule):
             name for name in ("image", "mask", "depth", "intrinsics") if getattr(seen[0].observation, name) is not None
         ]
         fields = {name: torch.cat([one.observation.field(name) for one in seen]).to(self.device) for name in names}
-        try:
-            fit = self.pipelines[category](Observation(**fields, keys=keys), seed=self.seed)
-        except FitError as error:
-            return [str(error)] * len(seen)
-        failed = "every start of the fit became NaN or infinite"
-        return [answer or failed for answer in self.models[category].answers(fit, seen)]
+        with one_thread():  # so that results do not depend on how many processes share the cores
+            try:
+                fit = self.pipelines[category](Observation(**fields, keys=keys), seed=self.seed)
+            except FitError as error:
+                return [str(error)] * len(seen)
+            failed = "every start of the fit became NaN or infinite"
+            return [answer or failed for answer in self.models[category].answers(fit, seen)]
 
     def _keep(self, data: FitData, image: ImageToFit, answers: Sequence[PoseResult | str]) -> None:
         self.counts["objects"] += sum(isinstance(answer, PoseResult) for answer in answers)

@@ -3,23 +3,41 @@
 from __future__ import annotations
 
 import importlib
+import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import torch
 from safetensors import SafetensorError
-from safetensors.torch import load_file, save
-from torch import nn
+from safetensors.torch import load, save
+from torch import Tensor, nn
+from torch.overrides import TorchFunctionMode
 
+from kfit.core import Encoder, Generator, PoseNetwork
+from kfit.core.torch_file import LARGEST_WEIGHTS, read_torch
 from kfit.core.whole_files import write_whole
-from kfit.models.card import Card
+from kfit.generators import ExtentsHead
+from kfit.models.card import NETWORKS, OPTIONAL, Card
 
-NETWORKS = ("generator", "encoder", "extents")
-OPTIONAL = ("pose_head",)
-# Where kfit's own networks are; loading torch before is in vain.
-HOMES = ("kfit.generators", "kfit.baselines")
+# What a network must be by its name, whether kfit's or somebody's own.
+ROLES: dict[str, type[nn.Module]] = {
+    "generator": Generator,
+    "encoder": Encoder,
+    "extents": ExtentsHead,
+    "pose_head": PoseNetwork,
+    "regressor": nn.Module,
+}
+# Of kfit's own those that a file may name: what they compute by is in them, and they open no other file.
+OWN = {
+    "kfit.generators": ["RadianceField", "VAE2D", "VAE3D", "ConvEncoder", "FeatureEncoder", "ExtentsHead", "PoseHead"],
+    "kfit.baselines": ["CoordinateRegressor", "OrientationRegressor"],
+}
+# What layers are made by, which are told the shape first.
+MAKERS = (torch.empty, torch.zeros, torch.ones, torch.rand, torch.randn, torch.full)
+# Numbers that the networks of even the smallest file may have: constants that it does not hold, and a margin.
+ROOM = 16_000_000
 
 
 def write_model(path: Path, networks: dict[str, nn.Module], card: Card) -> None:
@@ -43,21 +61,15 @@ def read_model(path: Path) -> tuple[dict[str, nn.Module], Card]:
     if not path.is_file():
         raise FileNotFoundError(f"no model at {path}; train one with `lightning fit` and pack it with `kfit pack`")
     card = Card.read(path.with_suffix(".json"))
+    if (size := path.stat().st_size) > LARGEST_WEIGHTS:
+        raise ValueError(f"{path} has {size:,} bytes, more than the {LARGEST_WEIGHTS >> 30} GB that a model may have")
     try:
-        numbers = load_file(path)
-    except (SafetensorError, OSError) as error:
+        # `load_file` of safetensors 0.8.0 leaks 7 kB of Python's numbers each time that it reads such a file.
+        numbers = load(path.read_bytes())
+    except (SafetensorError, OSError, KeyError, ValueError) as error:  # KeyError for types that PyTorch has not
         raise ValueError(f"{path} is damaged or no safetensors file: {error}") from None
-    networks = {}
-    for name in _names(card.networks):
-        network = _build(card.networks.get(name), name, path)
-        own = {key.removeprefix(f"{name}."): t for key, t in numbers.items() if key.startswith(f"{name}.")}
-        try:
-            network.load_state_dict(own)  # halves become floats again
-        except RuntimeError:
-            raise ValueError(
-                f"{path} does not fit its card: the weights are not those of the {name} named there"
-            ) from None
-        networks[name] = network.eval()
+    names = [*NETWORKS, *(name for name in OPTIONAL if name in card.networks)]
+    networks = {name: _filled(card.networks.get(name), name, numbers, path) for name in names}
     return networks, card
 
 
@@ -78,38 +90,66 @@ def read_checkpoint(path: Path, names: Sequence[str] = NETWORKS) -> tuple[dict[s
     if not path.is_file():
         raise FileNotFoundError(f"no checkpoint at {path}")
     try:
-        saved = torch.load(path, map_location="cpu", weights_only=True)
-        said, numbers = saved["hyper_parameters"], saved["state_dict"]
+        saved = read_torch(path)
+        said, numbers = dict(saved["hyper_parameters"]), dict(saved["state_dict"])
         saved["datamodule_hyper_parameters"]["category"]
-    except Exception as error:
-        raise ValueError(f"{path} is no checkpoint by `lightning fit`: {str(error).splitlines()[0]}") from None
-    networks = {}
-    for name in names:
-        network = _build(said.get(name), name, path)
-        network.load_state_dict({k.removeprefix(f"{name}."): t for k, t in numbers.items() if k.startswith(f"{name}.")})
-        networks[name] = network.eval()
-    return networks, saved
+    except (ValueError, TypeError, KeyError, IndexError) as error:
+        raise ValueError(f"{path} is no checkpoint by `lightning fit`: {error}") from None
+    return {name: _filled(said.get(name), name, numbers, path) for name in names}, saved
 
 
-def _names(said: dict[str, Any]) -> list[str]:
-    """The networks that a file must hold, and of the others those that it names."""
-    return [*NETWORKS, *(name for name in OPTIONAL if said.get(name) is not None)]
+def _filled(said: Any, name: str, numbers: Mapping[Any, Any], path: Path) -> nn.Module:
+    """The network that a file names, with the file's numbers, in evaluation mode.
 
-
-def _build(said: Any, name: str, path: Path) -> nn.Module:
-    """The network that a file names. Only kfit's classes and those of modules that the caller has imported already are
-    built, so that a file cannot have code imported or a function called."""
+    Only those of kfit's classes are built that a file may name, and somebody's own in modules that the caller has
+    imported already, so that a file cannot have code imported or a function called. They are built no larger than the
+    file's numbers can fill.
+    """
     if not (isinstance(said, dict) and isinstance(said.get("class_path"), str)):
         raise ValueError(f"{path} names no class for the {name}")
-    module, _, kind = said["class_path"].rpartition(".")
-    if (home := ".".join(module.split(".")[:2])) in HOMES:
-        importlib.import_module(home)
-    found = getattr(sys.modules.get(module), kind, None)
-    if not (isinstance(found, type) and issubclass(found, nn.Module)):
+    named = repr(said["class_path"][:100])
+    own = {key.removeprefix(f"{name}."): t for key, t in numbers.items() if str(key).startswith(f"{name}.")}
+    kind = _kind(said["class_path"])
+    if not (isinstance(kind, type) and issubclass(kind, ROLES[name])):
         raise ValueError(
-            f"{path} names {said['class_path']} as {name}: no network of kfit, nor of a module imported before"
+            f"{path} names {named} as {name}: no network of kfit, nor of a module imported before, that could be one"
         )
+    if not all(isinstance(tensor, Tensor) for tensor in own.values()):
+        raise ValueError(f"{path} holds something else than tensors for the {name}")
     try:
-        return found(**said.get("init_args", {}))
-    except (TypeError, ValueError, RuntimeError) as error:
-        raise ValueError(f"{path}: {said['class_path']} cannot be built as its card says: {error}") from None
+        with _Limited(ROOM + 4 * sum(tensor.numel() for tensor in own.values())):
+            network: nn.Module = kind(**said.get("init_args", {}))
+    except Exception as error:  # somebody's own class may raise anything
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise ValueError(f"{path}: {named} cannot be built as its card says: {reason}") from error
+    if not all(tensor.isfinite().all() for tensor in own.values()):
+        raise ValueError(f"{path} holds numbers for the {name} that are not finite")
+    try:
+        network.load_state_dict(own)  # halves become floats again
+    except RuntimeError:
+        raise ValueError(f"{path} does not fit its card: the weights are not those of the {name} named there") from None
+    return network.eval()
+
+
+def _kind(class_path: str) -> Any:
+    """A class by its name, if it may be built; nothing is imported for it."""
+    module, _, kind = class_path.rpartition(".")
+    if module.split(".")[0] == "kfit":
+        return getattr(importlib.import_module(module), kind) if kind in OWN.get(module, ()) else None
+    return vars(sys.modules[module]).get(kind) if module in sys.modules else None
+
+
+class _Limited(TorchFunctionMode):
+    """Refuses tensors before they are made, once they would hold more than ``most`` numbers in all."""
+
+    def __init__(self, most: int) -> None:
+        super().__init__()
+        self.left = most
+
+    def __torch_function__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+        if func in MAKERS:
+            shape = args[0] if args and isinstance(args[0], list | tuple) else args
+            self.left -= math.prod(side for side in shape if isinstance(side, int))
+            if self.left < 0:
+                raise ValueError("it would be far larger than its file")
+        return func(*args, **(kwargs or {}))

@@ -11,13 +11,15 @@ from kfit.generators import SimilarityWarp
 from kfit.initializers import EncoderPosterior
 from kfit.mistakes import sentence
 from kfit.models.category_model import CategoryModel
+from kfit.models.recipe_file import check_recipe
 from kfit.pipeline import FitPipeline
 
 
 def fit_of(recipe: str | Path, model: CategoryModel, changes: Sequence[str] = ()) -> FitPipeline:
     """The fit that a recipe describes, by a model and where that is.
 
-    A recipe holds the arguments of `kfit.FitPipeline` but the generator, each part by its ``class_path``; see
+    A recipe names Python classes, whose modules are imported: take one as you take a program, from whom you trust.
+    It holds the arguments of `kfit.FitPipeline` but the generator, each part by its ``class_path``; see
     ``recipes/fit_released.yaml``. The model gives the generator, in `kfit.generators.SimilarityWarp`; its encoder's
     posterior, where no initializer sets the code; and its category's symmetry, for a selector that asks for one.
 
@@ -33,6 +35,7 @@ def fit_of(recipe: str | Path, model: CategoryModel, changes: Sequence[str] = ()
     path = Path(recipe)
     if not path.is_file():
         raise FileNotFoundError(f"there is no recipe {path}")
+    check_recipe(path)
     parser = ArgumentParser(exit_on_error=False)
     parser.add_class_arguments(FitPipeline, skip={"generator"}, instantiate=False)
     parser.add_argument("--config", action="config")

@@ -9,6 +9,7 @@ from torch import Tensor
 
 from kfit.core import Variables
 from kfit.core.check import check_shape
+from kfit.core.torch_file import read_torch
 from kfit.generators import VAE3D, ConvEncoder
 
 # Their names of the layers, in the order of kfit's.
@@ -38,10 +39,10 @@ def load_released(path: str | Path) -> tuple[VAE3D, ConvEncoder]:
         raise FileNotFoundError(f"no checkpoint at {path}")
     wrong = f"{path} is no released checkpoint, that is {{'netG': …, 'netE': …}} of neural_object_fitting"
     try:
-        saved = torch.load(path, map_location="cpu", weights_only=True)
-        theirs_g, theirs_e = saved["netG"], saved["netE"]
-    except Exception as error:
-        raise ValueError(f"{wrong}: {str(error).splitlines()[0]}") from None
+        saved = read_torch(path)
+        theirs_g, theirs_e = dict(saved["netG"]), dict(saved["netE"])
+    except (ValueError, TypeError, KeyError, IndexError) as error:
+        raise ValueError(f"{wrong}: {error}") from None
     try:
         numbers_g, numbers_e = _generator(theirs_g), _encoder(theirs_e)
         code_dim = theirs_g["mlp0.fc.weight"].shape[1]

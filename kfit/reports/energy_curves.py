@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import matplotlib
 import numpy as np
 from markupsafe import Markup
 from matplotlib.collections import LineCollection
@@ -13,7 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from kfit.core import FitResult
-from kfit.reports.inline_svg import ACCENT, INK, MUTED, PAPER, STYLE, inline_svg
+from kfit.reports.inline_svg import ACCENT, INK, MUTED, PAPER, inline_svg, styled
 
 
 def energy_curves(fit: FitResult, answer: int) -> tuple[Markup, float]:
@@ -31,7 +30,7 @@ def energy_curves(fit: FitResult, answer: int) -> tuple[Markup, float]:
     """
     energy, won = fit.history.energy[:, 0].double().numpy(), int(fit.start[0])
     left = set(range(energy.shape[1])) - set(fit.all_start.tolist())
-    with matplotlib.rc_context(STYLE):
+    with styled():
         figure = Figure(figsize=(5.2, 3.4), layout="constrained")
         plot = figure.subplots()
         for start, path in enumerate(energy.T):

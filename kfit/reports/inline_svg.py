@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import io
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from threading import RLock
 from typing import Any
 
 import matplotlib
@@ -25,17 +28,26 @@ STYLE: dict[Any, Any] = {
     "ytick.labelcolor": INK,
 }
 
+_ALONE = RLock()
+
+
+@contextmanager
+def styled(**settings: Any) -> Iterator[None]:
+    """Matplotlib's settings for a plot; they are the process's, so threads make their plots one after another."""
+    with _ALONE, matplotlib.rc_context(STYLE | settings):
+        yield
+
 
 def inline_svg(figure: Figure, alt: str) -> Markup:
     """The figure as an ``<svg>`` element that scales with its surroundings.
 
     Args:
-        figure: made within ``matplotlib.rc_context(STYLE)``, in the colours above.
+        figure: made within `styled`, in the colours above.
         alt: what it shows, for those who cannot see it.
     """
     text = io.StringIO()
     nothing = dict.fromkeys(("Creator", "Date", "Format", "Type"))
-    with matplotlib.rc_context(STYLE | {"svg.hashsalt": alt}):
+    with styled(**{"svg.hashsalt": alt}):
         figure.savefig(text, format="svg", transparent=True, metadata=nothing)
     _, _, drawn = text.getvalue().partition("<svg ")
     # The names that Matplotlib gives to groups would be there twice on a page of two plots.

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-import matplotlib
 import numpy as np
 import torch
 from markupsafe import Markup
@@ -17,7 +16,7 @@ from torch import Tensor
 
 from kfit.geometry import CATEGORIES, EDGES, box_corners, rotation_from_angles
 from kfit.models import PoseResult
-from kfit.reports.inline_svg import ACCENT, INK, MUTED, PAPER, STYLE, inline_svg
+from kfit.reports.inline_svg import ACCENT, INK, MUTED, PAPER, inline_svg, styled
 
 Points = NDArray[np.float64]
 
@@ -48,7 +47,7 @@ def view_sphere(result: PoseResult) -> Markup:
     turned, above = places[0]
     # A camera at azimuth a sees the object turned by a; this onlooker stands beside the answer's and higher.
     onlooker = rotation_from_angles(*torch.tensor([turned + 30, min(max(above, 0) / 2 + 20, 60), 0]).double().deg2rad())
-    with matplotlib.rc_context(STYLE):
+    with styled():
         figure = Figure(figsize=(SIDE, SIDE))
         plot = figure.add_axes((0, 0, 1, 1))
         plot.set(xlim=(-REACH, REACH), ylim=(-REACH, REACH), aspect="equal")

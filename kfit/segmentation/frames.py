@@ -17,8 +17,11 @@ from kfit.segmentation.photo import Photo, read_photo
 PICTURES = (".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tif", ".tiff")
 USUAL_RATE = 30.0
 """Frames a second where nothing tells them."""
+# FFmpeg reads playlists too, which name other files and addresses, and takes any text for a moving picture.
+CLIPS = "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,mpeg,mpegts,mpegvideo,m4v,flv,asf,ogg,ivf,gif,mjpeg,h264,hevc,mxf"
 # Clips say how many frames they have, some of them roughly; one that ends at less than this share was cut short.
 WHOLE = 0.9
+_OPTIONS = "OPENCV_FFMPEG_CAPTURE_OPTIONS"
 
 
 @dataclass(frozen=True)
@@ -100,7 +103,12 @@ class Clip(Frames):
         self.path = path
         # FFmpeg would write of damaged frames to the terminal, through the progress bar; −8 is its "quiet".
         os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
-        self._capture = cv2.VideoCapture(str(path))
+        before = os.environ.get(_OPTIONS)
+        os.environ[_OPTIONS] = f"format_whitelist;{CLIPS}|protocol_whitelist;file"
+        try:
+            self._capture = cv2.VideoCapture(str(path))
+        finally:
+            os.environ.pop(_OPTIONS) if before is None else os.environ.update({_OPTIONS: before})
         self._read, self._next = self._capture.read()
         if not self._read:
             raise ValueError(f"{path} is not a clip that can be read, is damaged, or holds no frame")

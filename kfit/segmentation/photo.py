@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,9 +11,12 @@ from numpy.typing import NDArray
 from PIL import Image, ImageOps, UnidentifiedImageError
 from torch import Tensor
 
+from kfit.core.quiet import quiet
 from kfit.geometry import intrinsics_from_exif
 
 LARGEST_SIDE = 10_000
+# Pillow reads more kinds, whatever a file is called; PostScript among them, a program that it has Ghostscript run.
+KINDS = ("AVIF", "BMP", "DIB", "GIF", "JPEG", "JPEG2000", "PNG", "PPM", "TGA", "TIFF", "WEBP")
 _EXIF_DIRECTORY = 0x8769
 
 
@@ -34,7 +36,7 @@ class Photo:
 
 
 def read_photo(path: str | Path) -> Photo:
-    """Read a photo of any kind that Pillow reads: 8 or 16 bits, grey, palette, CMYK, with or without alpha.
+    """Read a photo of one of the `KINDS`: 8 or 16 bits, grey, palette, CMYK, with or without alpha.
 
     The EXIF rotation is carried out. Of a file with several pictures the first is read.
 
@@ -149,19 +151,15 @@ def _open(path: str | Path) -> tuple[Image.Image, dict[int, object]]:
     _check_file(path)
     size = None
     try:
-        with warnings.catch_warnings():
-            # Pillow warns of large pictures, which are measured below, and of EXIF tags that it cannot read.
-            warnings.simplefilter("ignore")
-            with Image.open(path) as picture:
-                size, kind = picture.size, picture.format
-                if kind == "EPS":  # a program, which Pillow would have Ghostscript run
-                    raise UnidentifiedImageError
-                if max(size) > LARGEST_SIDE:
-                    raise Image.DecompressionBombError
-                exif = picture.getexif()
-                tags = {**exif, **exif.get_ifd(_EXIF_DIRECTORY)}
-                picture.load()
-                upright = ImageOps.exif_transpose(picture)
+        # Pillow warns of large pictures, which are measured below, and of EXIF tags that it cannot read.
+        with quiet(), Image.open(path, formats=KINDS) as picture:
+            size, kind = picture.size, picture.format
+            if max(size) > LARGEST_SIDE:
+                raise Image.DecompressionBombError
+            exif = picture.getexif()
+            tags = {**exif, **exif.get_ifd(_EXIF_DIRECTORY)}
+            picture.load()
+            upright = ImageOps.exif_transpose(picture)
     except Image.DecompressionBombError as error:
         has = f"{size[0]} x {size[1]} pixels, more than" if size else "far more pixels than"
         raise ValueError(f"{path} has {has} {LARGEST_SIDE:,} on a side") from error

@@ -114,6 +114,14 @@ def test_a_fit_can_be_downloaded_as_report_and_numbers(visit, upload, drawn_mug,
     assert not visit.folder.exists()
 
 
+def test_a_fit_that_ends_after_the_visit_leaves_no_folder_behind(visit, upload, drawn_mug):
+    visit.take(upload(drawn_mug))
+    visit.close()
+    with pytest.raises(ValueError, match=r"^There is no picture"):
+        visit.write(None)
+    assert not visit.folder.exists()
+
+
 def test_sessions_are_apart_and_closing_one_leaves_the_others(tmp_path, upload, drawn_mug):
     sessions = Sessions(tmp_path)
     one, two = sessions.of("one"), sessions.of("two")

@@ -194,7 +194,7 @@ GOOD = {"bias": 0.0, "coefficients": {"energy": 1.0}, "energy_99": 1.0, "fits": 
     ("wrong", "sentence"),
     [
         ({"HDR": GOOD}, "unknown HDR; the names are RGB, RGB-D"),
-        ([], "must be a dictionary"),
+        ([], "must be a dict"),
         ({"RGB": {}}, "a calibration must hold just bias, coefficients"),
         ({"RGB": GOOD | {"coefficients": {"luck": 1.0}}}, "unknown luck; the names are agreement, energy"),
         ({"RGB": GOOD | {"bias": "high"}}, "must be finite numbers"),

@@ -111,6 +111,22 @@ def test_the_number_of_threads_changes_nothing(nocs, models, tmp_path):
     assert contents(tmp_path / "out1") == contents(tmp_path / "out3")
 
 
+def test_a_run_that_breaks_off_gives_pytorch_its_threads_back(nocs, models, tmp_path, monkeypatch):
+    def broken(*_):
+        assert torch.get_num_threads() == 1
+        raise ZeroDivisionError
+
+    monkeypatch.setattr("kfit.models.category_model.CategoryModel.answers", broken)
+    before = torch.get_num_threads()
+    try:
+        torch.set_num_threads(3)
+        with pytest.raises(ZeroDivisionError):
+            fit(NOCSFit(nocs, "real_test"), tmp_path / "out", models)
+        assert torch.get_num_threads() == 3
+    finally:
+        torch.set_num_threads(before)
+
+
 def test_other_settings_and_other_models_are_refused(nocs, models, tmp_path):
     out = tmp_path / "out"
     fit(NOCSFit(nocs, "real_test"), out, models)

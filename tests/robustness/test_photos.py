@@ -26,7 +26,7 @@ PIXELS = RNG.integers(0, 256, (48, 64, 3), np.uint8)
 NOISE = Image.fromarray(PIXELS)
 MASK = np.zeros((48, 64), np.uint8)
 MASK[8:30, 20:50] = 255
-KINDS = ("png", "jpg", "gif", "tif", "webp", "bmp", "ppm", "tga", "jp2", "avif", "dds", "sgi", "pcx", "ico", "icns")
+KINDS = ("png", "jpg", "gif", "tif", "webp", "bmp", "ppm", "tga", "jp2", "avif")
 CAMERA = np.array([[60.0, 0, 32], [0, 60, 24], [0, 0, 1]])
 
 
