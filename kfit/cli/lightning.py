@@ -7,6 +7,7 @@ import os
 import sys
 import warnings
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -61,7 +62,11 @@ class _CLI(LightningCLI):
             super().parse_arguments(parser, args)
         except (ArgumentError, TypeError) as error:
             command = " ".join(["kfit", *(word for word in args[:1] if word in COMMANDS)])
-            raise ValueError(f"{sentence(str(error))}; `{command} --help` tells more") from None
+            told = sentence(str(error))
+            if told.startswith("Problems parsing config"):  # it does not say of which file
+                recipes = [name for option, name in pairwise(args) if option in ("-c", "--config")]
+                told = f"{', '.join(recipes)}: {told}"
+            raise ValueError(f"{told}; `{command} --help` tells more") from None
 
     def instantiate_classes(self) -> None:
         """Build the parts; of what one of them refuses, the sentence that it says."""
