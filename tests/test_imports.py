@@ -15,7 +15,7 @@ PARTS = {
     "metrics", "data", "segmentation", "schedules",
 }  # fmt: skip
 BELOW_PARTS = {"core", "geometry"}
-BELOW_MODELS = BELOW_PARTS | PARTS | {"baselines", "devices", "judge", "pipeline", "training"}
+BELOW_MODELS = BELOW_PARTS | PARTS | {"baselines", "devices", "judge", "mistakes", "pipeline", "training"}
 # What each room may import of the others.
 ALLOWED = {
     "core": set(),
@@ -28,6 +28,7 @@ ALLOWED = {
     "baselines": BELOW_PARTS | {"features", "data"},
     "devices": set(),
     "judge": BELOW_PARTS,
+    "mistakes": set(),
     "proposals": BELOW_PARTS,
     "pipeline": BELOW_PARTS | PARTS | {"devices", "judge", "proposals"},
     "training": BELOW_PARTS | PARTS | {"baselines", "devices", "pipeline"},

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import signal
+import socket
 import sys
 import webbrowser
 from collections.abc import Awaitable, Callable
@@ -15,6 +16,7 @@ from typing import Any
 
 from kfit.app.session import Sessions
 from kfit.app.uploads import LARGEST_FILE
+from kfit.core.check import check_count
 
 LOOPBACK = ("127.0.0.1", "localhost")
 # Whatever the page's scripts try, the browser asks nobody but this server. Gradio builds its templates by `Function`.
@@ -65,8 +67,12 @@ def serve(host: str, port: int | None) -> None:
 
     Raises:
         ImportError: where Gradio is not installed.
-        OSError: if the port is taken.
+        ValueError: for a port out of range.
+        OSError: if the host is no address of this machine, or the port is taken.
     """
+    if port is not None:
+        check_count("--port", port, 1, 65535)
+    _check_host(host)
     os.environ.update(SWITCHES)
     remove_left(Path(gettempdir()))
     with TemporaryDirectory(prefix=f"{PREFIX}{os.getpid()}-") as folder:
@@ -116,6 +122,18 @@ def serve(host: str, port: int | None) -> None:
             Event().wait()
         except KeyboardInterrupt:
             blocks.close(verbose=False)
+
+
+def _check_host(host: str) -> None:
+    """Refuse what cannot be listened at, which the server would try for minutes, and an empty name, which is all."""
+    try:
+        if not host:
+            raise OSError("it is empty")
+        ((family, *_), *_) = socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)
+        with socket.socket(family, socket.SOCK_STREAM) as there:
+            there.bind((host, 0))
+    except (OSError, UnicodeError) as error:
+        raise OSError(f"--host must be an address of this machine, got {host!r}: {error}") from None
 
 
 def remove_left(place: Path) -> None:

@@ -46,10 +46,13 @@ def run(said: Namespace) -> None:
     from kfit.models.clips import unseen_clip
 
     names = bundled() if said.categories is None else said.categories
+    if not names:
+        raise ValueError("--categories must name at least one bundled model, got none")
+    models = [load(name) for name in names]
     found: dict[str, list[dict[str, Any]]] = {}
     with progress() as bar:
         task = bar.add_task("following", total=len(names) * said.clips)
-        for model in map(load, names):
+        for model in models:
             for number in range(said.clips):
                 clip = unseen_clip(model, number, said.frames, said.turn, said.seed)
                 found.setdefault(model.card.category, []).append(measured(model, clip, said.every))

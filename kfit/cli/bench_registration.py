@@ -51,6 +51,8 @@ def run(said: Namespace) -> None:
         raise ValueError(f"--pictures: unknown {', '.join(unknown) or 'nothing'}; known are {', '.join(PICTURES)}")
     if said.size < 64 or said.size % 8:
         raise ValueError(f"--size must be a multiple of 8 from 64 on, got {said.size}")
+    if not 0 <= said.noise <= 1:
+        raise ValueError(f"--noise must lie between 0 and 1, got {said.noise}")
     if said.draws < 1:
         raise ValueError(f"--draws must be at least 1, got {said.draws}")
     methods: dict[str, Callable[[Pair], Tensor]] = {

@@ -46,6 +46,8 @@ def run(said: Namespace) -> None:
     """Measure, print the table, and write it where it is wanted."""
     if said.steps < 1:
         raise ValueError(f"--steps must be at least 1, got {said.steps}")
+    if not said.recipes:
+        raise ValueError("--recipes must name at least one recipe, got none")
     for recipe in said.recipes:
         if not Path(recipe).is_file():
             raise FileNotFoundError(f"there is no recipe {recipe}")

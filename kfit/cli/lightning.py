@@ -7,18 +7,21 @@ import os
 import sys
 import warnings
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+from jsonargparse import ArgumentError
 from lightning.fabric.plugins import TorchCheckpointIO
 from lightning.pytorch import Callback, LightningDataModule, LightningModule, Trainer
 from lightning.pytorch.callbacks import LearningRateMonitor
-from lightning.pytorch.cli import LightningCLI
+from lightning.pytorch.cli import LightningArgumentParser, LightningCLI
 from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger
 
 from kfit.cli.help_page import HelpPage
 from kfit.cli.session import session
 from kfit.geometry.categories import CATEGORIES, Category
+from kfit.mistakes import sentence
 from kfit.models.recipe_file import check_recipe
 from kfit.training import ConditionalVAE, PictureGrid, WholeCheckpoints
 
@@ -53,6 +56,25 @@ NEEDLESS_ELSEWHERE = (
 
 
 class _CLI(LightningCLI):
+    def parse_arguments(self, parser: LightningArgumentParser, args: Any) -> None:
+        """Understand the words, or raise a ValueError of one sentence."""
+        try:
+            super().parse_arguments(parser, args)
+        except (ArgumentError, TypeError) as error:
+            command = " ".join(["kfit", *(word for word in args[:1] if word in COMMANDS)])
+            told = sentence(str(error))
+            if told.startswith("Problems parsing config"):  # it does not say of which file
+                recipes = [name for option, name in pairwise(args) if option in ("-c", "--config")]
+                told = f"{', '.join(recipes)}: {told}"
+            raise ValueError(f"{told}; `{command} --help` tells more") from None
+
+    def instantiate_classes(self) -> None:
+        """Build the parts; of what one of them refuses, the sentence that it says."""
+        try:
+            super().instantiate_classes()
+        except ValueError as error:
+            raise ValueError(sentence(str(error))) from error
+
     def before_instantiate_classes(self) -> None:
         if self.subcommand == "predict":
             self.save_config_callback = None  # it would write into the working folder; results tell their settings
@@ -131,12 +153,17 @@ def run(words: Sequence[str], callbacks: Sequence[Callback] = ()) -> None:
         seed_everything_default=0,
         trainer_defaults=defaults or None,
         save_config_kwargs={"overwrite": True},
-        # The usage that would be listed otherwise names some eighty options before it comes to what is wrong.
+        # The usage that would be listed otherwise names some eighty options.
         parser_kwargs={
             "prog": "kfit",
             "formatter_class": HelpPage,
+            "exit_on_error": False,
             **{
-                name: {"usage": f"kfit {name} -c RECIPE [--OPTION VALUE …]", "epilog": f"example:\n  {example}"}
+                name: {
+                    "exit_on_error": False,
+                    "usage": f"kfit {name} -c RECIPE [--OPTION VALUE …]",
+                    "epilog": f"example:\n  {example}",
+                }
                 for name, example in COMMANDS.items()
             },
         },

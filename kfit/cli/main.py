@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 
 from jsonargparse import ArgumentError, ArgumentParser, Namespace
 
@@ -10,6 +12,7 @@ from kfit import __version__
 from kfit.cli import app, bench, calibrate, completion, evaluate, export, info, pack, pose, video
 from kfit.cli.help_page import HelpPage
 from kfit.cli.session import ENDINGS, add_general_options, session
+from kfit.mistakes import sentence
 
 TRAINING = {
     "fit": "Train networks as a recipe says, by Lightning.",
@@ -29,6 +32,7 @@ COMMANDS = {
     "info": info,
     "completion": completion,
 }
+MOST = 10**9
 EXAMPLES = """examples:
   kfit pose photo.jpg --category mug --box 120 80 300 260
   kfit fit -c recipes/smoke.yaml
@@ -60,7 +64,45 @@ def parser() -> ArgumentParser:
         commands.add_subcommand(name, training, help=told)
     for one in tree(top):
         add_general_options(one)
+        one.allow_abbrev = False  # jsonargparse would accept and deprecate them
     return top
+
+
+def check_numbers(said: Namespace) -> None:
+    """Refuse numbers that are infinite or NaN, which YAML spells .inf and .nan, and counts and seeds out of all range.
+
+    Raises:
+        ValueError: naming the option.
+    """
+    for name, value in said.items():
+        option = f"--{name.replace('_', '-')}"
+        for number in value if isinstance(value, list) else [value]:
+            if isinstance(number, float) and not math.isfinite(number):
+                raise ValueError(f"{option} must be finite, got {number}")
+            if name == "seed" and not 0 <= number < 2**63:
+                raise ValueError(f"{option} must lie between 0 and 2^63 - 1, got {number}")
+            if name != "seed" and isinstance(number, int) and abs(number) > MOST:
+                raise ValueError(f"{option} must be at most {MOST:,}, got {number:,}")
+
+
+def check_places(said: Namespace) -> None:
+    """Refuse places to write to that cannot be written to, before any work is done.
+
+    Raises:
+        ValueError, OSError: naming the option.
+    """
+    for name in ("out", "runs", "cache", "report", "animation"):
+        if (place := said.get(name)) is None:
+            continue
+        if not place:
+            raise ValueError(f"--{name} must name a place to write to, got ''")
+        from kfit.core.whole_files import check_folder
+
+        path = Path(place)
+        is_file = name in ("report", "animation") or path.suffix == ".safetensors"
+        check_folder(f"--{name}", path.parent if is_file else path)
+        if is_file and path.is_dir():
+            raise ValueError(f"--{name} must name a file, but {path} is a folder")
 
 
 def tree(parser: ArgumentParser) -> Iterator[ArgumentParser]:
@@ -89,7 +131,14 @@ def main(args: Sequence[str] | None = None) -> None:
             said = parser().parse_args(words)
         except ArgumentError as error:
             named = [word for word, known in zip(words, (COMMANDS, bench.BENCHMARKS), strict=False) if word in known]
-            told = " ".join(str(error).split())  # jsonargparse breaks its lines
-            raise ValueError(f"{told}; `{' '.join(['kfit', *named])} --help` tells more") from None
+            told = sentence(str(error))
+            key = told.partition(" ")[0].replace("_", "-")
+            option = any(f"--{key}" in part._option_string_actions for part in tree(parser()))
+            raise ValueError(
+                f"{f'--{key}{told[len(key) :]}' if option else told}; `{' '.join(['kfit', *named])} --help` tells more"
+            ) from None
         chosen: Namespace = said[said.subcommand]
+        values = chosen[chosen.subcommand] if "subcommand" in chosen else chosen
+        check_numbers(values)
+        check_places(values)
         COMMANDS[said.subcommand].run(chosen)

@@ -41,6 +41,8 @@ def run(said: Namespace) -> None:
     out = Path(said.out)
     if out.suffix != ".safetensors":
         raise ValueError(f"--out must end in .safetensors, got {said.out}")
+    if said.pose_weight < 0:
+        raise ValueError(f"--pose-weight must be at least 0, got {said.pose_weight}")
     import torch
 
     from kfit import __version__

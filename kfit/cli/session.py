@@ -28,7 +28,7 @@ ENDINGS = """exit status:
   130  interrupted (Ctrl-C); files are whole or not there
   141  whoever read the output has stopped reading"""
 # What kfit says of wrong arguments and files, and what libraries say of the machine, such as that its memory is full.
-MISTAKES = (ValueError, OSError, ImportError, RuntimeError)
+MISTAKES = (ValueError, OSError, ImportError, RuntimeError, MemoryError)
 log = logging.getLogger("kfit")
 
 
@@ -136,7 +136,7 @@ def _endings(verbose: bool) -> Iterator[None]:
         code = {KeyboardInterrupt: 130, BrokenPipeError: 141}.get(type(end.__context__), end.code)  # type: ignore[arg-type]
         raise SystemExit(code) from None
     except MISTAKES as error:
-        log.error("%s", re.sub(r"^\[Errno \d+\] ", "", str(error)), exc_info=verbose)
+        log.error("%s", _on_one_line(error), exc_info=verbose)
         raise SystemExit(2) from None
     except Exception as error:
         advice = "" if verbose else "; the same command with --verbose shows where it happened"
@@ -144,8 +144,14 @@ def _endings(verbose: bool) -> Iterator[None]:
             "unexpected %s: %s%s. Unless it comes from a part of your own, this is a fault of kfit's: please report it "
             "to its authors with what --verbose shows",
             type(error).__name__,
-            error,
+            _on_one_line(error),
             advice,
             exc_info=verbose,
         )
         raise SystemExit(1) from None
+
+
+def _on_one_line(error: Exception) -> str:
+    """What an error says; characters that steer terminals, which names of files may hold, are spelled out."""
+    said = " ".join(re.sub(r"^\[Errno \d+\] ", "", str(error)).split()) or type(error).__name__
+    return "".join(letter if letter.isprintable() else repr(letter)[1:-1] for letter in said)

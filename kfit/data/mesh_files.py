@@ -56,7 +56,7 @@ def load_mesh(path: str | Path) -> Mesh:
 
     Raises:
         FileNotFoundError: If there is no such file.
-        ValueError: If the file's name ends otherwise, it cannot be read, or it holds no triangles.
+        ValueError: If the file's name ends otherwise, it cannot be read, or it holds no triangles with an area.
     """
     path = Path(path)
     if not path.is_file():
@@ -85,9 +85,13 @@ def load_mesh(path: str | Path) -> Mesh:
             raise ValueError(f"path must hold whole triangles, but those of {path} have corners that are not there.")
     try:
         with _without_ghostscript():
-            return join([_part(geometry) for geometry in geometries])
+            mesh = join([_part(geometry) for geometry in geometries])
     except (OSError, SyntaxError) as error:
         raise ValueError(f"path must hold a readable mesh, but a picture of {path} is not ({error}).") from error
+    corners = mesh.vertices[mesh.faces]
+    if not np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).any():
+        raise ValueError(f"path must hold triangles with an area, but {path} has none.")
+    return mesh
 
 
 def _measure(path: Path) -> None:

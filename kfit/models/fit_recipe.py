@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -10,6 +9,7 @@ from jsonargparse import ArgumentError, ArgumentParser
 
 from kfit.generators import SimilarityWarp
 from kfit.initializers import EncoderPosterior
+from kfit.mistakes import sentence
 from kfit.models.category_model import CategoryModel
 from kfit.models.recipe_file import check_recipe
 from kfit.pipeline import FitPipeline
@@ -49,16 +49,6 @@ def fit_of(recipe: str | Path, model: CategoryModel, changes: Sequence[str] = ()
             parts["initializers"] = [*parts["initializers"], EncoderPosterior(model.encoder)]
         return FitPipeline(SimilarityWarp(model.generator), **parts).to(model.device)
     except (ArgumentError, ValueError, TypeError, RecursionError) as error:
-        raise ValueError(f"{path} is no recipe of a fit: {_reason(error)}") from None
-
-
-def _reason(error: Exception) -> str:
-    """What a part said against its settings, without the tree of types that jsonargparse wraps it in."""
-    lines = [line.strip().removeprefix("- ") for line in str(error).splitlines()]
-    if lines[0].startswith("Unexpected config"):
-        return "it must map names to values"
-    wrapping = ("Does not validate", "Subtypes:", "Given value", "Expected a path", "Expected a <class 'NoneType'>")
-    # a line that ends in a colon only leads to the next
-    reason = next((line for line in lines if line and line[-1] != ":" and not line.startswith(wrapping)), lines[0])
-    key = re.search(r'Parser key "([^"]+)"', str(error))
-    return f"{key[1]}: {reason}" if key else reason
+        told = sentence(str(error))
+        reason = "it must map names to values" if told.startswith("Unexpected config") else told
+        raise ValueError(f"{path} is no recipe of a fit: {reason}") from None

@@ -17,13 +17,28 @@ from kfit.segmentation import GrabCut, Segmenter
 LEAST_FOCAL, MOST_FOCAL = 0.1, 1000.0
 
 
+def as_numbers(name: str, value: Any) -> NDArray[Any]:
+    """An array of numbers or booleans.
+
+    Raises:
+        ValueError: for anything else, by its name.
+    """
+    try:
+        array = np.asarray(value.detach().cpu() if isinstance(value, Tensor) else value)
+    except (ValueError, TypeError) as error:  # rows of several lengths
+        raise ValueError(f"{name} must be an array of numbers: {error}") from None
+    if array.dtype.kind not in "biuf":
+        raise ValueError(f"{name} must be an array of numbers, got {array.dtype} of shape {array.shape}")
+    return array
+
+
 def as_photo(image: NDArray[Any]) -> NDArray[np.float32]:
     """The picture as (H, W, 3) float32 in [0, 1].
 
     Raises:
         ValueError: for another shape, type or range.
     """
-    pixels = np.asarray(image)
+    pixels = as_numbers("image", image)
     if pixels.ndim != 3 or pixels.shape[2] != 3 or 0 in pixels.shape:
         raise ValueError(f"image must have shape (H, W, 3), got {pixels.shape}")
     if pixels.dtype == np.uint8:
@@ -53,7 +68,7 @@ def choose_mask(
         other = "segmenter" if box is None else "box"
         raise ValueError(f"mask and {other} were both given; the object is told by one of them")
     if mask is not None:
-        given = np.asarray(mask)
+        given = as_numbers("mask", mask)
         if given.shape != pixels.shape[:2]:
             raise ValueError(f"mask must have the photo's shape {pixels.shape[:2]}, got {given.shape}")
         if not (given > 0).any():
@@ -61,6 +76,14 @@ def choose_mask(
         return (given > 0).astype(np.float32)
     if alpha is not None and box is None and segmenter is None:
         return alpha
+    if box is not None:
+        given = as_numbers("box", box)
+        if given.shape != (4,):
+            raise ValueError(f"box must be left, top, width and height, got {given.tolist()}")
+        left, top, width, height = given.astype(float).tolist()
+        box = (left, top, width, height)
+    if not (segmenter is None or callable(segmenter)):
+        raise ValueError(f"segmenter must be an ONNX file or a Segmenter, got {type(segmenter).__name__}")
     found = (segmenter or GrabCut())(pixels, category, box)
     notes.extend(found.notes)
     return found.mask
@@ -72,7 +95,8 @@ def choose_depth(depth: NDArray[Any], mask: NDArray[np.float32]) -> Tensor:
     Raises:
         ValueError: if it has not the photo's shape, or is known nowhere on the object.
     """
-    given = torch.as_tensor(np.asarray(depth, np.float32))
+    with np.errstate(over="ignore"):  # what is too far for single precision becomes infinite, which is unknown
+        given = torch.as_tensor(as_numbers("depth", depth).astype(np.float32))
     if given.shape != mask.shape:
         raise ValueError(f"depth must have the photo's shape {mask.shape}, got {tuple(given.shape)}")
     if not bool((given.isfinite() & (given > 0))[torch.from_numpy(mask > 0.5)].any()):
@@ -90,9 +114,11 @@ def choose_camera(
     """
     height, width = pixels.shape[:2]
     if intrinsics is not None:
-        given = torch.as_tensor(intrinsics, dtype=torch.float64)
+        given = torch.from_numpy(as_numbers("intrinsics", intrinsics).astype(np.float64))
         if given.shape != (3, 3) or not bool(torch.isfinite(given).all()) or min(given[0, 0], given[1, 1]) <= 0:
             raise ValueError(f"intrinsics must be (3, 3) with focal lengths above 0, got {given.tolist()}")
+        if given[1, 0] != 0 or given[2].tolist() != [0, 0, 1]:
+            raise ValueError(f"intrinsics must have the rows (f, s, x), (0, f, y) and (0, 0, 1), got {given.tolist()}")
         least, most = LEAST_FOCAL * max(width, height), MOST_FOCAL * max(width, height)
         if not all(least <= focal <= most for focal in (given[0, 0], given[1, 1])):
             raise ValueError(

@@ -61,7 +61,11 @@ class Frames(ABC):
         path = Path(path)
         if not path.exists():
             raise FileNotFoundError(f"there is no clip or folder {path}")
-        return FolderOfFrames(path) if path.is_dir() else Clip(path)
+        if path.is_dir():
+            return FolderOfFrames(path)
+        if not path.is_file():  # a pipe would be waited for
+            raise ValueError(f"{path} is not a clip that can be read: it is neither a file nor a folder")
+        return Clip(path)
 
     @abstractmethod
     def __iter__(self) -> Iterator[Frame]:

@@ -105,8 +105,7 @@ def depth_from_file(path: str | Path, shape: tuple[int, int]) -> NDArray[np.floa
         ValueError: if it is neither, its size is not the photo's, or no depth is known in it.
     """
     if Path(path).suffix == ".npy":
-        if not Path(path).exists():
-            raise FileNotFoundError(f"there is no file {path}")
+        _check_file(path)
         try:
             metres: NDArray[Any] = np.lib.format.open_memmap(path, mode="r")  # `np.load` would open zips too
         except (ValueError, OSError, EOFError) as error:
@@ -139,27 +138,36 @@ def mask_from_alpha(alpha: NDArray[np.float32] | None) -> NDArray[np.float32] | 
     return alpha
 
 
-def _open(path: str | Path) -> tuple[Image.Image, dict[int, object]]:
-    """The upright picture and its EXIF tags."""
+def _check_file(path: str | Path) -> None:
+    """Refuse what is no file: a pipe would be waited for."""
     if not Path(path).exists():
         raise FileNotFoundError(f"there is no file {path}")
+    if not Path(path).is_file():
+        raise ValueError(f"{path or '.'} is not an image that can be read: it is no file")
+
+
+def _open(path: str | Path) -> tuple[Image.Image, dict[int, object]]:
+    """The upright picture and its EXIF tags."""
+    _check_file(path)
+    size = None
     try:
         # Pillow warns of large pictures, which are measured below, and of EXIF tags that it cannot read.
         with quiet(), Image.open(path, formats=KINDS) as picture:
-            if max(picture.size) > LARGEST_SIDE:
-                raise ValueError(
-                    f"{path} has {picture.width} x {picture.height} pixels, more than {LARGEST_SIDE:,} on a side"
-                )
-            kind = picture.format
+            size, kind = picture.size, picture.format
+            if max(size) > LARGEST_SIDE:
+                raise Image.DecompressionBombError
             exif = picture.getexif()
             tags = {**exif, **exif.get_ifd(_EXIF_DIRECTORY)}
             picture.load()
             upright = ImageOps.exif_transpose(picture)
     except Image.DecompressionBombError as error:
-        raise ValueError(f"{path} has far more than {LARGEST_SIDE:,} pixels on a side") from error
-    except (UnidentifiedImageError, IsADirectoryError, PermissionError) as error:
+        has = f"{size[0]} x {size[1]} pixels, more than" if size else "far more pixels than"
+        raise ValueError(f"{path} has {has} {LARGEST_SIDE:,} on a side") from error
+    except (UnidentifiedImageError, PermissionError) as error:
         raise ValueError(f"{path} is not an image that can be read") from error
-    except (OSError, SyntaxError, EOFError) as error:
+    except MemoryError:
+        raise
+    except Exception as error:  # Pillow raises whatever its many parsers raise
         raise ValueError(f"{path} is damaged or cut short") from error
     upright.format = kind
     return upright, tags

@@ -1,0 +1,61 @@
+"""What jsonargparse says of wrong words and recipes, in one sentence."""
+
+from __future__ import annotations
+
+import re
+
+KEY = re.compile(r'Parser key "([^"]+)"(?: element \d+)?: *(.*)')
+EXPECTED = re.compile(r"Expected an? (?:<class '([\w.]+)'>|typing\.Literal\[(.*?)\])(?:\. Got value: *(.*))?")
+GIVEN = re.compile(r"Given value: (?:NestedArg\(key='[^']*', val=)?(.*?)\)?$")
+# Lines that lead to others, and what is of no use to a user.
+LEADING = ("Does not validate", "Subtypes:", "Errors:", "Given value type", "Problem with given class_path")
+NAMES = {"int": "a whole number", "float": "a number", "bool": "true or false", "str": "text", "NoneType": "null"}
+LONGEST = 80
+
+
+def sentence(told: str) -> str:
+    """The innermost reason of the tree that jsonargparse draws of keys and of the types that were tried.
+
+    ``trainer.max_epochs must be a whole number or null, got many``. What is no such tree is put on one line.
+    """
+    keys: list[tuple[int, str]] = []
+    reasons: list[tuple[int, str, str]] = []  # depth, path of keys, and what is said of it
+    wanted: list[tuple[int, str, str]] = []
+    got = ""
+    for line in told.splitlines():
+        text = line.strip().removeprefix("- ")
+        depth = len(line) - len(line.lstrip(" -"))
+        keys = [(above, key) for above, key in keys if above < depth]
+        if found := KEY.match(text):
+            keys.append((depth, found[1]))
+            text = found[2]
+        path = ".".join(key for _, key in keys)
+        if found := EXPECTED.match(text):
+            kind = found[1] or f"one of {found[2]}".replace("'", "")
+            wanted.append((depth, path, NAMES.get(kind, f"a {kind.rpartition('.')[2]}" if found[1] else kind)))
+            got = found[3] if found[3] is not None else got
+        elif found := GIVEN.match(text):
+            got = got or found[1]
+        elif text and not text.startswith(LEADING):
+            reasons.append((depth, path, text))
+    if not wanted and not any(path for _, path, _ in reasons):
+        return _on_one_line(told)
+    deepest = max((one[0] for one in reasons + wanted), default=0)
+    for depth, path, reason in reasons:
+        if depth == deepest:
+            return _on_one_line(f"{path}: {reason}" if path else reason)
+    path, kinds = _last(wanted, deepest)
+    if not path:
+        return _on_one_line(told)
+    came = _on_one_line(got)
+    came = "nothing" if not came else came if len(came) <= LONGEST else f"{came[:LONGEST]}…"
+    return f"{path} must be {' or '.join(kinds)}, got {came}"
+
+
+def _last(wanted: list[tuple[int, str, str]], deepest: int) -> tuple[str, list[str]]:
+    found = [(path, kind) for depth, path, kind in wanted if depth == deepest]
+    return (found[0][0], list(dict.fromkeys(kind for _, kind in found))) if found else ("", [])
+
+
+def _on_one_line(text: str) -> str:
+    return " ".join(text.split())
