@@ -9,7 +9,6 @@ import platform
 import re
 import sys
 import time
-import unicodedata
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -114,10 +113,8 @@ def _flush() -> None:
 
 
 def _inert(text: str) -> str:
-    """The text with escapes for the characters that would steer a terminal, as a stranger's file may hold them."""
-    return "".join(
-        sign if sign in "\n\t" or unicodedata.category(sign) not in ("Cc", "Cf") else ascii(sign)[1:-1] for sign in text
-    )
+    """The text with escapes for the characters that would steer a terminal, as strangers' files and names may hold."""
+    return "".join(sign if sign == "\n" or sign.isprintable() else repr(sign)[1:-1] for sign in text)
 
 
 @contextmanager
@@ -152,6 +149,5 @@ def _endings(verbose: bool) -> Iterator[None]:
 
 
 def _on_one_line(error: Exception) -> str:
-    """What an error says; characters that steer terminals, which names of files may hold, are spelled out."""
-    said = " ".join(re.sub(r"^\[Errno \d+\] ", "", str(error)).split()) or type(error).__name__
-    return "".join(letter if letter.isprintable() else repr(letter)[1:-1] for letter in said)
+    """What an error says, or its type where it says nothing."""
+    return " ".join(re.sub(r"^\[Errno \d+\] ", "", str(error)).split()) or type(error).__name__
