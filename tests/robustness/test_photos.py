@@ -14,7 +14,6 @@ import pytest
 import torch
 from PIL import Image, ImageCms
 
-import kfit
 from kfit.cli.main import main
 from kfit.models.category_model import CategoryModel
 from kfit.models.sighting import Sighting
@@ -184,89 +183,6 @@ def test_odd_masks_are_taken(mask: str, tmp_path: Path) -> None:
         assert bool(seen.observation.field("image").isfinite().all())
 
 
-NAN, INF = float("nan"), float("inf")
-GOOD = (MASK > 0).astype(np.float32)
-# What is given instead of a good photo with its mask and camera, and a word of what is said of it.
-WRONG: dict[str, tuple[dict[str, Any], str]] = {
-    "NaN pixels": ({"image": np.full((48, 64, 3), NAN, np.float32)}, "image"),
-    "0 to 255 as floats": ({"image": PIXELS.astype(np.float32)}, "image must lie in"),
-    "negative": ({"image": -GOOD[..., None].repeat(3, 2)}, "image must lie in"),
-    "channels first": ({"image": PIXELS.transpose(2, 0, 1)}, "image must have shape"),
-    "a batch": ({"image": PIXELS[None]}, "image must have shape"),
-    "grey": ({"image": PIXELS[..., 0]}, "image must have shape"),
-    "alpha": ({"image": PIXELS[..., [0, 1, 2, 0]]}, "image must have shape"),
-    "no pixels": ({"image": PIXELS[:0]}, "image must have shape"),
-    "whole numbers": ({"image": PIXELS.astype(np.int64)}, "image must be uint8"),
-    "words": ({"image": np.full((48, 64, 3), "x")}, "image must be an array of numbers"),
-    "objects": ({"image": np.full((48, 64, 3), None)}, "image must be an array"),
-    "complex": ({"image": PIXELS.astype(complex)}, "image must be an array"),
-    "a list of lists": ({"image": PIXELS.tolist()}, "image must be uint8"),
-    "ragged": ({"image": [[1], [1, 2]]}, "image"),
-    "nothing": ({"image": None}, "image must be an array"),
-    "a tensor of NaN": ({"image": torch.full((48, 64, 3), NAN)}, "image must lie in"),
-    "an empty mask": ({"mask": GOOD * 0}, "mask is empty"),
-    "a mask of NaN": ({"mask": GOOD * NAN}, "mask is empty"),
-    "a mask of another size": ({"mask": GOOD[1:]}, "mask must have"),
-    "a mask with channels": ({"mask": GOOD[..., None]}, "mask must have"),
-    "a mask of words": ({"mask": np.full((48, 64), "x")}, "mask"),
-    "a ragged mask": ({"mask": [[1], [1, 2]]}, "mask"),
-    "a mask and a box": ({"box": (1, 1, 9, 9)}, "mask and box"),
-    **{
-        f"a box {box}": ({"mask": None, "box": box}, "box")
-        for box in [
-            (NAN, 1, 9, 9), (1, 1, INF, 9), (1, 1, 0, 9), (9, 9, -5, -5), (900, 900, 9, 9), (-90, -90, 9, 9),
-            (1e30, 1e30, 9, 9), (1, 1, 1e-9, 1e-9), (1, 2, 3), (1, 2, 3, 4, 5), ("a", 1, 1, 1), (None,) * 4, "abcd", 3,
-        ]
-    },
-    **{
-        f"a camera {name}": ({"intrinsics": camera}, "intrinsics")
-        for name, camera in {
-            "of zeros": CAMERA * 0, "negative": -CAMERA, "of NaN": CAMERA * NAN, "of infinities": CAMERA + INF,
-            "huge": CAMERA * 1e9, "tiny": CAMERA * 1e-3, "of 2 x 2": CAMERA[:2, :2], "a number": 5.0, "words": "x",
-            "ragged": [[1], [1, 2]], "complex": CAMERA * 1j, "without its last row": CAMERA * [[1], [1], [0]],
-            "with a skew of infinity": CAMERA + np.array([[0, INF, 0], [0, 0, 0], [0, 0, 0]]),
-        }.items()
-    },
-    **{
-        f"a depth {name}": ({"depth": depth, "intrinsics": CAMERA}, "depth")
-        for name, depth in {
-            "of NaN": GOOD * NAN, "of infinities": GOOD + INF, "of zeros": GOOD * 0, "negative": -GOOD,
-            "of another size": GOOD[:5], "with channels": GOOD[..., None], "words": np.full((48, 64), "x"),
-            "ragged": [[1], [1, 2]], "unknown on the object": 1 - GOOD, "a number": 1.0,
-        }.items()
-    },
-    "a file that is not there": ({"image": "gone.png"}, "there is no file gone.png"),
-    "a name with a zero": ({"image": "a\0b.png"}, "there is no file"),
-    "a segmenter that is none": ({"mask": None, "segmenter": 5}, "segmenter"),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("wrong", WRONG)
-def test_wrong_arguments_are_refused_before_a_fit(wrong: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    given, told = WRONG[wrong]
-
-    def fit(*_: Any, **__: Any) -> None:
-        raise AssertionError("the fit was begun")
-
-    monkeypatch.setattr(FitPipeline, "forward", fit)
-    with pytest.raises((ValueError, TypeError, FileNotFoundError)) as said:
-        model().pose(**{"image": PIXELS, "mask": GOOD, **given})
-    assert told in str(said.value)
-    assert "\n" not in str(said.value)
-
-
-def test_tensors_and_lists_do_as_well_as_arrays() -> None:
-    photo, mask, camera = PIXELS.astype(np.float32) / 255, GOOD.tolist(), torch.from_numpy(CAMERA)
-    seen = Sighting.of(torch.from_numpy(photo).requires_grad_(), "mug", 32, mask, None, camera)  # type: ignore[arg-type]
-    plain = Sighting.of(photo, "mug", 32, GOOD, None, CAMERA)
-    assert torch.equal(seen.observation.field("image"), plain.observation.field("image"))
-    assert torch.equal(seen.intrinsics, plain.intrinsics)
-
-
-def model(known: dict[str, CategoryModel] = {}) -> CategoryModel:  # noqa: B006
-    return known.setdefault("mug", kfit.load("mug"))
-
-
 @pytest.mark.parametrize("orientation", [6])
 def test_a_command_with_a_photo_turned_by_exif_takes_mask_and_box_in_upright_pixels(
     orientation: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -333,9 +249,9 @@ def test_a_folder_of_odd_frames_ends_in_a_sentence(files: dict[str, Any], told: 
 @pytest.mark.slow
 @pytest.mark.parametrize("size", [(1, 1), (1, 500), (500, 1), (3, 3)])
 @pytest.mark.parametrize("depth", [False, True])
-def test_pictures_of_few_pixels_are_answered(size: tuple[int, int], depth: bool) -> None:
+def test_pictures_of_few_pixels_are_answered(size: tuple[int, int], depth: bool, mug: CategoryModel) -> None:
     image, mask = np.full((*size, 3), 128, np.uint8), np.ones(size, np.float32)
-    answer = model().pose(image, mask=mask, depth=mask if depth else None)
+    answer = mug.pose(image, mask=mask, depth=mask if depth else None)
     assert np.isfinite(answer.rotation).all()
     assert np.isfinite(answer.translation).all()
 
