@@ -146,7 +146,7 @@ def test_a_table_fits_a_narrow_terminal_and_is_whole_where_there_is_none(monkeyp
 
 
 INTERRUPTED = """
-import sys, time
+import signal, sys, time
 from pathlib import Path
 from kfit.cli import info
 from kfit.cli.main import main
@@ -157,6 +157,7 @@ def write(path):
     print("ready", flush=True)
     time.sleep(60)
 
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell that runs the tests behind it has it ignored
 info.run = lambda said: write_whole(Path(sys.argv[1]), {"answer.txt": write})
 main(["info"])
 """
