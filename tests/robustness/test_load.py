@@ -59,8 +59,8 @@ class Held:
     @staticmethod
     def now() -> Held:
         gc.collect()
-        # Not isinstance, which asks proxies for what they stand for.
-        tensors = [thing for thing in gc.get_objects() if issubclass(type(thing), torch.Tensor)]
+        # Not isinstance, which asks proxies for what they stand for, nor those that a compiler plans with.
+        tensors = [thing for thing in gc.get_objects() if type(thing) in (torch.Tensor, torch.nn.Parameter)]
         storages = {t.untyped_storage().data_ptr(): t.untyped_storage().nbytes() for t in tensors if not t.is_meta}
         return Held(
             len(tensors),
