@@ -38,7 +38,8 @@ class Photo:
 def read_photo(path: str | Path) -> Photo:
     """Read a photo, with 8 or 16 bits, grey, of a palette or CMYK, with or without alpha.
 
-    It is a file of one of the formats in ``KINDS``, as JPEG, PNG, WebP and TIFF are. The EXIF rotation is carried out. Of a file with several pictures the first is read.
+    Its file is of one of the ``KINDS``, as JPEG, PNG, WebP and TIFF are. The EXIF rotation is carried out. Of a file
+    with several pictures the first is read.
 
     Raises:
         FileNotFoundError: if there is no such file.
