@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import os
-import sys
 import warnings
 from collections.abc import Callable, Sequence
 from itertools import pairwise
@@ -19,7 +18,7 @@ from lightning.pytorch.cli import LightningArgumentParser, LightningCLI
 from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger
 
 from kfit.cli.help_page import HelpPage
-from kfit.cli.session import session
+from kfit.cli.session import see_working_folder, session
 from kfit.geometry.categories import CATEGORIES, Category
 from kfit.mistakes import sentence
 from kfit.models.recipe_file import check_recipe
@@ -131,9 +130,7 @@ def run(words: Sequence[str], callbacks: Sequence[Callback] = ()) -> None:
         place = word.partition("=")[2] if word.startswith("--config=") else word
         if (before in ("-c", "--config") or place.endswith((".yaml", ".yml"))) and Path(place).is_file():
             check_recipe(place)
-    # A console script does not see the working folder. Last, so that it can shadow nothing.
-    if os.getcwd() not in sys.path:
-        sys.path.append(os.getcwd())
+    see_working_folder()
     # It would be said of all words that are not the process's own to the letter.
     warnings.filterwarnings("ignore", message="LightningCLI's args parameter")
     for needless in NEEDLESS + (() if words[:1] == ["fit"] else NEEDLESS_ELSEWHERE):

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from jsonargparse import ArgumentParser, Namespace
 
-from kfit.cli.session import log
+from kfit.cli.session import log, see_working_folder
 
 if TYPE_CHECKING:
     import numpy as np
@@ -150,6 +150,7 @@ def run(said: Namespace) -> None:
     else:
         from kfit.models.fit_recipe import fit_of
 
+        see_working_folder()
         pipeline = fit_of(said.fit, model)
     pipeline.callbacks.append(Progress())
     box = None if said.box is None else tuple(said.box)

@@ -95,6 +95,12 @@ def table_console(width: int) -> Console:
     return Console(width=None if sys.stdout.isatty() else width)
 
 
+def see_working_folder() -> None:
+    """Have parts that a recipe names found in files of the working folder, which a console script does not see."""
+    if os.getcwd() not in sys.path:
+        sys.path.append(os.getcwd())  # last, so that it can shadow nothing
+
+
 class _Stderr(logging.Handler):
     """Writes to what `sys.stderr` is by then: while a bar is shown, a stream that writes above it."""
 

@@ -38,6 +38,24 @@ def test_pose_writes_json_and_overlay_and_prints_one_line(
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["overlay.png", "pose.json"]
 
 
+def test_a_recipe_may_name_parts_in_the_working_folder(
+    cutout: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [place for place in sys.path if place not in ("", str(tmp_path))])
+    Path("own_energy_of_this_test.py").write_text("from kfit.energies import L2\n\nclass Own(L2):\n    pass\n")
+    Path("fit.yaml").write_text(
+        "energies: {own: own_energy_of_this_test.Own}\n"
+        "initializers:\n"
+        "  - {class_path: kfit.initializers.SphereGrid}\n"
+        "  - {class_path: kfit.initializers.Constant, init_args: {values: {roll: 0.0, shift: 0.0, scale: 1.0}}}\n"
+        "optimizer: kfit.optimizers.Adam\nnum_starts: 1\nnum_steps: 0\n"
+    )
+    main(["pose", str(cutout), "--category", "mug", "--fit", "fit.yaml", "--out", "out"])
+    assert "mug" in capsys.readouterr().out
+    assert sys.path[-1] == str(tmp_path)
+
+
 def test_pose_prints_the_json_on_request(cutout: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     camera = ["--intrinsics", "300", "300", "63.5", "63.5"]
     main(["pose", str(cutout), "--category", "mug", "--out", str(tmp_path), "--json", *camera])
