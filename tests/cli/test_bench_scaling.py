@@ -43,6 +43,7 @@ def test_pictures_are_those_of_starts_and_steps() -> None:
     assert cost.pictures == 2 * 2 * 2
 
 
+@pytest.mark.slow
 def test_memory_does_not_grow_with_the_number_of_objects() -> None:
     model = load("can")
     few, many = (cost_of(model, {**USUAL, "objects": count, "steps": 1}) for count in (4, 16))
