@@ -45,6 +45,7 @@ def recipe(tmp_path: Path) -> Path:
     return tmp_path / "fit.yaml"
 
 
+@pytest.mark.slow
 def test_each_fit_is_kept_and_none_is_measured_twice(
     tiny: Path, recipe: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

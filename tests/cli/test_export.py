@@ -57,10 +57,12 @@ def close(found: Tensor, expected: Tensor) -> None:
     torch.testing.assert_close(found, expected, rtol=1e-4, atol=1e-4)
 
 
+@pytest.mark.slow
 def test_three_files_are_written_and_nothing_else(exported: tuple[CategoryModel, Path]) -> None:
     assert sorted(path.name for path in exported[1].iterdir()) == ["encoder.onnx", "features.onnx", "generator.onnx"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rows", ROWS)
 def test_the_generator_in_onnx_draws_what_pytorch_draws(exported: tuple[CategoryModel, Path], rows: int) -> None:
     model, folder = exported
@@ -73,6 +75,7 @@ def test_the_generator_in_onnx_draws_what_pytorch_draws(exported: tuple[Category
     close(found.field("mask"), expected.field("mask"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rows", ROWS)
 def test_encoder_and_features_in_onnx_give_what_pytorch_gives(exported: tuple[CategoryModel, Path], rows: int) -> None:
     model, folder = exported
@@ -85,6 +88,7 @@ def test_encoder_and_features_in_onnx_give_what_pytorch_gives(exported: tuple[Ca
         close(found, expected)
 
 
+@pytest.mark.slow
 def test_cma_es_fits_through_the_onnx_generator_alone(exported: tuple[CategoryModel, Path]) -> None:
     model, folder = exported
     generator = SimilarityWarp(OnnxGenerator(folder / "generator.onnx"))
@@ -106,6 +110,7 @@ def test_cma_es_fits_through_the_onnx_generator_alone(exported: tuple[CategoryMo
         torch.testing.assert_close(found[name], value, rtol=0, atol=0.02)
 
 
+@pytest.mark.slow
 def test_a_descent_through_the_onnx_generator_is_refused_in_a_sentence(exported: tuple[CategoryModel, Path]) -> None:
     _, folder = exported
     pipeline = kfit.FitPipeline(
