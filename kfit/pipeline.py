@@ -29,7 +29,7 @@ from kfit.core import (
 )
 from kfit.core.check import check_count, check_dict, check_names, check_range
 from kfit.core.recorder import Recorder
-from kfit.core.rows import best_first, finite
+from kfit.core.rows import beside, best_first, finite
 from kfit.core.seeds import mixed_seed
 from kfit.devices import compile_networks
 from kfit.features import FeatureNetwork
@@ -226,7 +226,7 @@ class FitPipeline(nn.Module):
     def _advance(self, state: FitState, step: int, new: Variables, seen: Evaluation, memory: Any) -> FitState:
         better = seen.ranking < state.best_energy  # False where the energy is NaN
         best = {
-            name: value if not state.best_values else torch.where(_tail(better, value), value, state.best_values[name])
+            name: value if not state.best_values else torch.where(beside(better, value), value, state.best_values[name])
             for name, value in seen.values.items()
         }
         broken = ~(torch.isfinite(seen.energy) & finite(new))
@@ -246,7 +246,3 @@ class FitPipeline(nn.Module):
 def _check_weight(name: str, weight: Any) -> None:
     if not isinstance(weight, Schedule):
         check_range(name, weight)
-
-
-def _tail(rows: Tensor, like: Tensor) -> Tensor:
-    return rows.view(-1, *[1] * (like.dim() - 1))

@@ -13,8 +13,9 @@ from torch import from_numpy
 
 from kfit.cli.session import log
 from kfit.models import CategoryModel, PoseResult
-from kfit.models.accuracy import UnseenViews, answer_to, measure, unseen_views
+from kfit.models.accuracy import UnseenViews, answer_to, unseen_views
 from kfit.models.card import KINDS
+from kfit.models.measured import measure
 from kfit.models.nocs_accuracy import draws_depth, fit_known, known_objects
 from kfit.models.scans import find_scans, scan_views
 from kfit.pipeline import FitPipeline

@@ -46,7 +46,7 @@ def views_section(heading: str, figures: Mapping[str, Mapping[str, Any]]) -> Sec
 
     Args:
         heading: above the table.
-        figures: by name, what `kfit.models.accuracy.Measured.figures` gives.
+        figures: by name, what `kfit.models.measured.Measured.figures` gives.
     """
     rows, notes = [], []
     for name, found in figures.items():

@@ -128,12 +128,12 @@ def main(args: Sequence[str] | None = None) -> None:
         if words in ([], ["bench"]):
             words.append("--help")
         try:
-            said = parser().parse_args(words)
+            said = (top := parser()).parse_args(words)
         except ArgumentError as error:
             named = [word for word, known in zip(words, (COMMANDS, bench.BENCHMARKS), strict=False) if word in known]
             told = sentence(str(error))
             key = told.partition(" ")[0].replace("_", "-")
-            option = any(f"--{key}" in part._option_string_actions for part in tree(parser()))
+            option = any(f"--{key}" in part._option_string_actions for part in tree(top))
             raise ValueError(
                 f"{f'--{key}{told[len(key) :]}' if option else told}; `{' '.join(['kfit', *named])} --help` tells more"
             ) from None

@@ -14,12 +14,10 @@ from typing import TYPE_CHECKING
 
 from jsonargparse import ArgumentParser, Namespace
 
+from kfit.cli.object_words import camera_of, check_thing
 from kfit.cli.session import log, see_working_folder
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from kfit.models import PoseResult
 
 
@@ -198,24 +196,6 @@ def command(said: Namespace) -> str:
                 [] if value is True else [f"{part:g}" for part in value] if isinstance(value, list) else [str(value)]
             )
     return shlex.join(words)
-
-
-def check_thing(said: Namespace) -> None:
-    """Refuse words that do not tell what the object is by one of --category and --model."""
-    if (said.category is None) == (said.model is None):
-        raise ValueError("say what the object is: either --category NAME or --model FILE.safetensors")
-    if said.model is not None and not said.model.endswith(".safetensors"):
-        raise ValueError(f"--model must name a .safetensors file, got {said.model}")
-
-
-def camera_of(said: Namespace) -> NDArray[np.float64] | None:
-    """The (3, 3) matrix of --intrinsics, where they are given."""
-    import numpy as np
-
-    if said.intrinsics is None:
-        return None
-    fx, fy, cx, cy = said.intrinsics
-    return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
 
 
 def write(result: PoseResult, folder: Path, others: Mapping[str, Callable[[Path], object]]) -> Path:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 from jsonargparse import ArgumentParser, Namespace
 
-from kfit.cli.pose import camera_of, check_thing
+from kfit.cli.object_words import camera_of, check_thing
 from kfit.cli.session import log, progress
 
 if TYPE_CHECKING:

@@ -22,6 +22,11 @@ def best_first(energy: Tensor, problem: Tensor) -> tuple[Tensor, Tensor]:
     return order, torch.arange(len(order), device=order.device) - first
 
 
+def beside(rows: Tensor, like: Tensor) -> Tensor:
+    """Rows' numbers (N,) in the shape (N, 1, …), as they meet a tensor (N, \\*shape)."""
+    return rows.view(-1, *[1] * (like.dim() - 1))
+
+
 def finite(variables: Variables) -> Tensor:
     """Which rows (N,) hold finite numbers alone, of variables (N, \\*shape)."""
     return torch.stack(

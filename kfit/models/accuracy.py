@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import torch
@@ -18,7 +16,6 @@ from kfit.core.check import check_count
 from kfit.data import Light, Mesh, build, pose_view
 from kfit.data.rasterizer import View, standard_intrinsics
 from kfit.geometry import Crop, observed, rotation_error, rotation_from_angles
-from kfit.metrics import summary
 from kfit.models.category_model import CategoryModel
 from kfit.models.pose_result import PoseResult
 from kfit.models.sighting import Sighting
@@ -189,63 +186,6 @@ def called_ambiguous(model: CategoryModel, views: UnseenViews, results: list[Fit
         # Where no start was left, nothing is sure.
         said.append(not len(fit.all_energy) or model.judged(fit, upright, seen)[1] is not None)
     return torch.tensor(said)
-
-
-@dataclass(frozen=True)
-class Measured:
-    """Fits of views, judged.
-
-    Attributes:
-        rotation_deg: (N,) as `rotation_errors` judges.
-        translation_cm: (N,).
-        visible: (N,) False where a mug's handle is hidden.
-        ambiguous: (N,) whether the answer is said to be so.
-        results: the fits, in batches.
-        seconds: a view.
-    """
-
-    rotation_deg: Tensor
-    translation_cm: Tensor
-    visible: Tensor
-    ambiguous: Tensor
-    results: list[FitResult]
-    seconds: float
-
-    def figures(self) -> dict[str, Any]:
-        """Numbers, medians and shares for all views and, where some hide a handle, for those that show it; how many of
-        the right, the wrong and the undecidable answers are called ambiguous; and what it cost."""
-        right = self.visible & (self.rotation_deg < RIGHT_DEG)
-        groups = {
-            f"answers within {RIGHT_DEG:g}°": right,
-            "other answers": self.visible & ~right,
-            "hidden handles": ~self.visible,
-        }
-        views = {"all views": torch.ones_like(self.visible)}
-        if not bool(self.visible.all()) and bool(self.visible.any()):
-            views["views that show the handle"] = self.visible
-        drawn = sum(result.num_evaluations for result in self.results) / len(self.visible)
-        return {
-            **{name: {"number": int(rows.sum()), **summary(self.rotation_deg[rows])} for name, rows in views.items()},
-            "median translation error in cm": float(self.translation_cm.nanmedian()),
-            "called ambiguous": {
-                name: {"number": int(rows.sum()), "called ambiguous": float(self.ambiguous[rows].double().mean())}
-                for name, rows in groups.items()
-                if bool(rows.any())
-            },
-            "pictures a view": drawn,
-            "seconds a view": self.seconds,
-        }
-
-
-def measure(
-    model: CategoryModel, views: UnseenViews, pipeline: FitPipeline, on_batch: Callable[[int], None] = lambda done: None
-) -> Measured:
-    """Fit all views as `rotation_errors` does, and judge the answers."""
-    begun = time.perf_counter()
-    errors, results = rotation_errors(model, views, pipeline, on_batch=on_batch)
-    spent = (time.perf_counter() - begun) / len(errors)
-    away, told = 100 * translation_errors(model, views, results), called_ambiguous(model, views, results)
-    return Measured(errors, away, views.visible, told, results, spent)
 
 
 def _unblended(view: View) -> NDArray[np.float32]:

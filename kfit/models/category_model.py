@@ -18,25 +18,21 @@ from kfit.core import (
     FitError,
     FitResult,
     Generator,
-    Initializer,
     Observation,
     PoseNetwork,
-    Prior,
     Rendering,
-    Schedule,
     Variables,
 )
-from kfit.energies import CodePrior, Depth, PosePrior
 from kfit.generators import ExtentsHead, MetricDepth, SimilarityWarp
 from kfit.geometry import Crop, diagonal_at, pose_from_crop
-from kfit.initializers import Constant, EncoderPosterior, FromDepth, PosePosterior, SphereGrid
 from kfit.models.alternatives import Verdict, alternatives, seen_share, warning
 from kfit.models.answering import answer_of
 from kfit.models.calibration import confidence
 from kfit.models.card import Card
+from kfit.models.files import ROLES
 from kfit.models.pose_result import PoseResult
 from kfit.models.sighting import Sighting
-from kfit.models.usual_fit import BETAS, CAREFUL, DEPTH_RATES, DEPTH_WEIGHT, RATES, usual_energies
+from kfit.models.usual_fit import BETAS, CAREFUL, usual_energies, usual_parts
 from kfit.optimizers import Adam
 from kfit.pipeline import FitPipeline
 from kfit.segmentation import Photo, Segmenter
@@ -83,10 +79,9 @@ class CategoryModel:
         Raises:
             ValueError: if one of them is not what its name says.
         """
-        kinds = {"generator": Generator, "encoder": Encoder, "extents": ExtentsHead, "pose_head": PoseNetwork}
         for name, network in networks.items():
-            if not isinstance(network, kinds[name]):
-                raise ValueError(f"the {name} must be a {kinds[name].__name__}, got {type(network).__name__}")
+            if not isinstance(network, ROLES[name]):
+                raise ValueError(f"the {name} must be a {ROLES[name].__name__}, got {type(network).__name__}")
         return CategoryModel(**networks, card=card)  # type: ignore[arg-type]
 
     def pipeline(
@@ -113,27 +108,12 @@ class CategoryModel:
             depth: the observation has depth and intrinsics, which fix the distance; the generator must draw depth.
             energies: of drawing and photo, by name and with their weights, instead of the first three.
         """
-        generator: Generator = SimilarityWarp(self.generator)
-        energies = usual_energies() if energies is None else energies
-        parts: dict[str, Energy | Prior] = {name: energy for name, (energy, _) in energies.items()}
-        parts["prior"] = CodePrior()
-        initializers: list[Initializer] = [
-            PosePosterior(self.pose_head) if self.pose_head else SphereGrid(elevation_deg=(0.0, 60.0)),
-            EncoderPosterior(self.encoder),
-            Constant({"roll": 0.0, "shift": 0.0, "scale": 1.0}),
-        ]
-        weights: dict[str, float | Schedule] = {name: weight for name, (_, weight) in energies.items()}
-        weights["prior"] = 0.02
-        rates = dict(RATES)
-        if self.pose_head is not None:
-            parts["pose"], weights["pose"] = PosePrior(self.pose_head), self.card.pose_weight
-        if depth:
-            generator = MetricDepth(generator)
-            parts["depth"], weights["depth"] = Depth(), DEPTH_WEIGHT / self.card.mean_diagonal
-            initializers.append(FromDepth(self.card.unit_fraction))
-            rates |= DEPTH_RATES
+        warped: Generator = SimilarityWarp(self.generator)
+        parts, weights, initializers, rates = usual_parts(
+            self.encoder, self.pose_head, self.card, depth, usual_energies() if energies is None else energies
+        )
         return FitPipeline(
-            generator,
+            MetricDepth(warped) if depth else warped,
             parts,
             initializers,
             Adam(rates, BETAS, CAREFUL ** (1 / max(1, num_steps))),

@@ -10,6 +10,7 @@ from torch import Tensor
 
 from kfit.core import Evaluate, Evaluation, Optimizer, Variables
 from kfit.core.check import check_dict, check_list, check_names, check_positive, check_range
+from kfit.core.rows import beside
 
 
 class Adam(Optimizer):
@@ -101,8 +102,7 @@ def moved(
     square = {k: high * memory["square"][k] + (1 - high) * g.square() for k, g in gradient.items()}
     new = {}
     for name, tensor in raw.items():
-        tail = (-1, *[1] * (tensor.dim() - 1))
-        rows, rate = count.view(tail), rates[name]
+        rows, rate = beside(count, tensor), rates[name]
         step = (mean[name] / (1 - low**rows)) / ((square[name] / (1 - high**rows)).sqrt() + 1e-8)
-        new[name] = tensor - (rate.view(tail) if isinstance(rate, Tensor) else rate) * step
+        new[name] = tensor - (beside(rate, tensor) if isinstance(rate, Tensor) else rate) * step
     return new, {"mean": mean, "square": square, "count": count}

@@ -4,7 +4,6 @@ import asyncio
 import json
 import os
 import signal
-import socket
 import subprocess
 import sys
 import urllib.error
@@ -12,6 +11,7 @@ import urllib.request
 from importlib.util import find_spec
 
 import pytest
+from app_process import started
 
 from kfit.app.serve import PREFIX, OnlySelf, remove_left
 
@@ -58,12 +58,7 @@ def test_what_a_killed_server_left_is_deleted_at_the_next_start(tmp_path):
 
 
 def start(folder):
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    screenless = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
-    words = [sys.executable, "-m", "kfit", "app", "--port", str(port)]
-    server = subprocess.Popen(words, stderr=subprocess.PIPE, text=True, env={**screenless, "TMPDIR": str(folder)})
+    server, port = started(folder)
     assert server.stderr.readline().startswith("kfit: open")
     return server, f"http://127.0.0.1:{port}"
 

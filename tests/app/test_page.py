@@ -1,18 +1,15 @@
 """The page in a real browser: picture in, box drawn, fit watched, answer out."""
 
 import json
-import os
 import re
 import shutil
 import signal
-import socket
-import subprocess
-import sys
 import urllib.error
 import urllib.request
 from importlib.util import find_spec
 
 import pytest
+from app_process import started
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 BROWSER = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -27,12 +24,7 @@ pytestmark = [
 def served(tmp_path_factory):
     """Address of a page, and the folder in which the server keeps its files."""
     folder = tmp_path_factory.mktemp("server")
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    screenless = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
-    words = [sys.executable, "-m", "kfit", "app", "--port", str(port)]
-    server = subprocess.Popen(words, stderr=subprocess.PIPE, text=True, env={**screenless, "TMPDIR": str(folder)})
+    server, port = started(folder)
     said = []
     for line in server.stderr:
         said.append(line)

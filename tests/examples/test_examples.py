@@ -45,6 +45,7 @@ def test_examples_are_short_and_say_how_they_are_run() -> None:
             assert f"python {path.relative_to(EXAMPLES.parent)} " in text, path
 
 
+@pytest.mark.slow
 def test_a_fit_composed_by_hand_finds_unseen_laptops(tmp_path: Path) -> None:
     errors = numbers(r"([\d.]+)°", run("compose_a_fit.py", tmp_path))
     assert len(errors) == 3

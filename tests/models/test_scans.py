@@ -7,7 +7,8 @@ import pytest
 import torch
 
 from kfit.models import CategoryModel
-from kfit.models.accuracy import measure, unseen_views
+from kfit.models.accuracy import unseen_views
+from kfit.models.measured import measure
 from kfit.models.scans import Scan, find_scans, scan_views
 
 FACES = "1 2 4,1 4 3,5 7 8,5 8 6,1 5 6,1 6 2,3 4 8,3 8 7,1 3 7,1 7 5,2 6 8,2 8 4"

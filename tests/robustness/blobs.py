@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -69,21 +69,24 @@ def blob(number: int) -> Observation:
     return Observation(drawn.image, drawn.mask, keys=(number,))
 
 
-def same_history(one: FitResult, other: FitResult, rounding: bool = False) -> None:
-    """The same to the last bit, or but for what sums in another order make of it in the steps of a fit."""
-    near = {"energy": 5e-3, "code": 0.1} if rounding else {}
-    energy = near.get("energy", 0.0)
-    torch.testing.assert_close(one.history.energy, other.history.energy, rtol=energy, atol=energy, equal_nan=True)
-    for name, value in other.history.values.items():
-        within = near.get(name, 1e-2 if rounding else 0.0)
-        torch.testing.assert_close(one.history.values[name], value, rtol=within, atol=within, equal_nan=True)
+# What sums in another order make of a fit's numbers by its end.
+ROUNDING = {"energy": 5e-3, "code": 0.1, "azimuth": 1e-2, "elevation": 1e-2, "roll": 1e-2, "shift": 1e-2, "scale": 1e-2}
+
+
+def same_history(one: FitResult, other: FitResult, within: Mapping[str, float] | None = None) -> None:
+    """The same in every step: to the last bit, or within some numbers by name."""
+    mine, theirs = ({"energy": fit.history.energy, **fit.history.values} for fit in (one, other))
+    assert mine.keys() == theirs.keys()
+    for name, path in mine.items():
+        away = (within or {}).get(name, 0.0)
+        torch.testing.assert_close(path, theirs[name], rtol=away, atol=away, equal_nan=True)
     assert one.start.tolist() == other.start.tolist()
     assert one.num_evaluations == other.num_evaluations
 
 
 def same_answer(one: PoseResult, other: PoseResult) -> None:
     """The same to rounding: of several threads PyTorch may split sums otherwise than it does for one."""
-    same_history(one.fit, other.fit, rounding=True)
+    same_history(one.fit, other.fit, ROUNDING)
     np.testing.assert_allclose(one.rotation, other.rotation, atol=5e-3)
     np.testing.assert_allclose(one.translation, other.translation, atol=5e-3)
     np.testing.assert_array_equal(one.mask, other.mask)
