@@ -42,8 +42,9 @@ def object_depth(
     """Mark as unknown what of a depth map cannot be the object.
 
     No two points of an object are farther apart than the largest diagonal of its category, and what is seen of one is
-    no deeper than 1.6 times its outline is large. The interval of this length that holds most of the known depths on the
-    mask is the object, the nearer of two that hold about as many; depths farther than this from its median are unknown.
+    no deeper than 1.6 times its outline is large. The interval of this length that holds most of the known depths on
+    the mask is the object, the nearer of two that hold about as many; depths farther than this from its median become
+    unknown.
 
     Args:
         depth: (H, W) in metres along the camera's axis, unknown where it is not finite or not above 0.

@@ -71,7 +71,7 @@ def clean_mask(mask: NDArray[np.float32]) -> Segment:
     far = gap > FAR * max(stats[main, cv2.CC_STAT_WIDTH], stats[main, cv2.CC_STAT_HEIGHT])
     dropped = (share < SPECK) | (far & (share < STRAY))
     dropped[0] = False
-    doubts = ()
+    doubts: tuple[str, ...] = ()
     if (far & ~dropped)[1:].any():
         doubts = ("the mask has large parts far apart: is it of two objects? The confidence is 50 % at most",)
     if not dropped.any():
