@@ -21,7 +21,7 @@ from kfit.cli.help_page import HelpPage
 from kfit.cli.session import see_working_folder, session
 from kfit.geometry.categories import CATEGORIES, Category
 from kfit.mistakes import sentence
-from kfit.models.recipe_file import check_recipe
+from kfit.models.recipe_file import check_recipe, no_exit, read_on_as_a_name
 from kfit.training import ConditionalVAE, PictureGrid, WholeCheckpoints
 
 # Arguments of the model's parts that the category of the data decides, where a part has such an argument.
@@ -58,7 +58,8 @@ class _CLI(LightningCLI):
     def parse_arguments(self, parser: LightningArgumentParser, args: Any) -> None:
         """Understand the words, or raise a ValueError of one sentence."""
         try:
-            super().parse_arguments(parser, args)
+            with no_exit():
+                super().parse_arguments(parser, args)
         except (ArgumentError, TypeError) as error:
             command = " ".join(["kfit", *(word for word in args[:1] if word in COMMANDS)])
             told = sentence(str(error))
@@ -70,7 +71,8 @@ class _CLI(LightningCLI):
     def instantiate_classes(self) -> None:
         """Build the parts; of what one of them refuses, the sentence that it says."""
         try:
-            super().instantiate_classes()
+            with no_exit():
+                super().instantiate_classes()
         except ValueError as error:
             raise ValueError(sentence(str(error))) from error
 
@@ -130,6 +132,7 @@ def run(words: Sequence[str], callbacks: Sequence[Callback] = ()) -> None:
         place = word.partition("=")[2] if word.startswith("--config=") else word
         if (before in ("-c", "--config") or place.endswith((".yaml", ".yml"))) and Path(place).is_file():
             check_recipe(place)
+    read_on_as_a_name()
     see_working_folder()
     # It would be said of all words that are not the process's own to the letter.
     warnings.filterwarnings("ignore", message="LightningCLI's args parameter")

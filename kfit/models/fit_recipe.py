@@ -11,7 +11,7 @@ from kfit.generators import SimilarityWarp
 from kfit.initializers import EncoderPosterior
 from kfit.mistakes import sentence
 from kfit.models.category_model import CategoryModel
-from kfit.models.recipe_file import check_recipe
+from kfit.models.recipe_file import check_recipe, no_exit, read_on_as_a_name
 from kfit.pipeline import FitPipeline
 
 
@@ -36,14 +36,17 @@ def fit_of(recipe: str | Path, model: CategoryModel, changes: Sequence[str] = ()
     if not path.is_file():
         raise FileNotFoundError(f"there is no recipe {path}")
     check_recipe(path)
+    read_on_as_a_name()
     parser = ArgumentParser(exit_on_error=False)
     parser.add_class_arguments(FitPipeline, skip={"generator"}, instantiate=False)
     parser.add_argument("--config", action="config")
     try:
-        said = parser.parse_args(["--config", str(path), *changes])
+        with no_exit():
+            said = parser.parse_args(["--config", str(path), *changes])
         if "selector.init_args.symmetry" in said:
             said["selector.init_args.symmetry"] = model.card.known.symmetry
-        parts = parser.instantiate(said).as_dict()
+        with no_exit():
+            parts = parser.instantiate(said).as_dict()
         parts.pop("config")
         if all("code" not in initializer.on for initializer in parts["initializers"]):
             parts["initializers"] = [*parts["initializers"], EncoderPosterior(model.encoder)]

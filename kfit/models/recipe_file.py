@@ -2,12 +2,41 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from traceback import walk_tb
+from typing import Any
 
 import yaml  # type: ignore[import-untyped]
+from jsonargparse import get_loader, set_loader
 
 # Bytes, values with all that aliases repeat, and levels; kfit's own recipes have a hundredth.
 LARGEST, MOST_VALUES, DEEPEST = 200_000, 20_000, 30
+
+_LOADER = get_loader("yaml")
+
+
+def read_on_as_a_name() -> None:
+    """Have jsonargparse take the keys ``on`` and ``off`` for names, which YAML 1.1 takes for true and false."""
+    set_loader("yaml", lambda text: _named(_LOADER(text)), (yaml.YAMLError,))
+
+
+@contextmanager
+def no_exit() -> Iterator[None]:
+    """Turn the end of the program that an imported module asks for into an error.
+
+    Raises:
+        ValueError: where SystemExit was raised by other code than that which parses arguments.
+    """
+    try:
+        yield
+    except SystemExit as end:
+        *_, (frame, _) = walk_tb(end.__traceback__)
+        module = str(frame.f_globals.get("__name__"))
+        if module.partition(".")[0] in ("argparse", "jsonargparse"):  # such as after --help
+            raise
+        raise ValueError(f"module {module} ends the program when it is imported (sys.exit({end.code!r}))") from None
 
 
 def check_recipe(path: str | Path) -> None:
@@ -32,6 +61,14 @@ def check_recipe(path: str | Path) -> None:
             f"{path} is no recipe: its aliases make more than {MOST_VALUES:,} values of it, or nest them more than "
             f"{DEEPEST} deep"
         )
+
+
+def _named(value: Any) -> Any:
+    """The same with names for keys that are true or false, at any depth."""
+    if isinstance(value, dict):
+        names = {True: "on", False: "off"}
+        return {names[key] if isinstance(key, bool) else key: _named(inner) for key, inner in value.items()}
+    return [_named(inner) for inner in value] if isinstance(value, list) else value
 
 
 def _count(node: yaml.Node, known: dict[int, int], depth: int) -> int:
