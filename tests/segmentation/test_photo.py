@@ -121,6 +121,7 @@ def test_a_tiff_of_colours_that_cannot_be_read_is_not_just_called_damaged(tmp_pa
 
 def test_a_cropped_photo_says_what_its_camera_rests_on(tmp_path: Path) -> None:
     tags = Image.Exif()
+    tags[0x112] = 1
     tags.get_ifd(0x8769).update({0xA405: 27, 0xA002: 12, 0xA003: 6})
     read = read_photo(saved(tmp_path, "a.png", Image.fromarray(RGB), exif=tags))
     assert read.intrinsics is not None
