@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from PIL import Image, ImageOps, UnidentifiedImageError
 from torch import Tensor
 
-from kfit.core.quiet import quiet
 from kfit.geometry import intrinsics_from_exif, was_cropped
+from kfit.runtime.ignored_warnings import ignore_warnings
 from kfit.segmentation.clean_mask import binary_mask
 
 # Pixels of a side, and of a picture: phones take 64 megapixels, which are a gigabyte of memory while they are read.
@@ -177,7 +177,7 @@ def _open(path: str | Path) -> tuple[Image.Image, dict[int, object]]:
     size, colours = None, None
     try:
         # Pillow warns of large pictures, which are measured below, and of EXIF tags that it cannot read.
-        with quiet(), Image.open(path, formats=KINDS) as picture:
+        with ignore_warnings(), Image.open(path, formats=KINDS) as picture:
             size, kind = picture.size, picture.format
             colours = getattr(picture, "tag_v2", {}).get(_TIFF_COLOURS)
             if max(size) > LARGEST_SIDE or size[0] * size[1] > LARGEST_PICTURE:
