@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from kfit.geometry import intrinsics_from_fov
-from kfit.models.check_intrinsics import check_intrinsics
+from kfit.pose.check_intrinsics import check_intrinsics
 from kfit.segmentation import GrabCut, Segment, Segmenter, binary_mask, clean_mask
 
 # How far arithmetic may have taken colours out of [0, 1].

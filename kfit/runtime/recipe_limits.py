@@ -6,20 +6,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from traceback import walk_tb
-from typing import Any
 
 import yaml  # type: ignore[import-untyped]
-from jsonargparse import get_loader, set_loader
 
 # Bytes, values with all that aliases repeat, and levels; kfit's own recipes have a hundredth.
 LARGEST, MOST_VALUES, DEEPEST = 200_000, 20_000, 30
-
-_LOADER = get_loader("yaml")
-
-
-def read_on_as_a_name() -> None:
-    """Have jsonargparse take the keys ``on`` and ``off`` for names, which YAML 1.1 takes for true and false."""
-    set_loader("yaml", lambda text: _named(_LOADER(text)), (yaml.YAMLError,))
 
 
 @contextmanager
@@ -61,14 +52,6 @@ def check_recipe(path: str | Path) -> None:
             f"{path} is no recipe: its aliases make more than {MOST_VALUES:,} values of it, or nest them more than "
             f"{DEEPEST} deep"
         )
-
-
-def _named(value: Any) -> Any:
-    """The same with names for keys that are true or false, at any depth."""
-    if isinstance(value, dict):
-        names = {True: "on", False: "off"}
-        return {names[key] if isinstance(key, bool) else key: _named(inner) for key, inner in value.items()}
-    return [_named(inner) for inner in value] if isinstance(value, list) else value
 
 
 def _count(node: yaml.Node, known: dict[int, int], depth: int) -> int:
