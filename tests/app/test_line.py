@@ -43,6 +43,9 @@ def test_a_full_line_says_so():
         pass
 
 
+@pytest.mark.slow
+# Gradio leaves event loops and sockets to the garbage collector.
+@pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
 @pytest.mark.skipif(find_spec("gradio") is None, reason="gradio is not installed")
 def test_twelve_visitors_at_once_all_get_an_answer(tmp_path, monkeypatch):
     from kfit.app import page as shown
