@@ -49,7 +49,8 @@ class Tracker:
 
     A frame's confidence is that of the model's calibration, by the two poses that are compared in it in place of a
     fit's starts, and the share of the pose head's probability near the better one. It is 50 % at most where the frame
-    is lost or its own mask differs from the drawing (an overlap below 0.85), and 0 where nothing is seen.
+    is lost, where its mask differs from the drawing (an overlap below 0.85) and where the energy is twice that of the
+    last frame that was fitted from nothing; it is 0 where nothing is seen.
 
     Args:
         model: with a pose head.
@@ -99,7 +100,7 @@ class Tracker:
             num_starts=2,
             num_steps=0,
         )
-        self.usual = first.energy
+        self.usual = self.fitted = first.energy
         self.last = self._told(first.energy, first.confidence, first.mask, first.observation, self._drawn(), anew=True)
 
     def __call__(self, frame: str | Path | Photo | NDArray[Any], mask: NDArray[Any] | None = None) -> TrackedPose:
@@ -216,14 +217,14 @@ class Tracker:
             overlap = away / self.silhouette.maximum(seen.field("mask")[0, 0]).sum()
             rotation, translation, _ = self.model.placed(self.values, self.crop, self.camera)
         lost = float(overlap) < LOST or energy > UNUSUAL * self.usual
-        most = DOUBTFUL if lost or float(overlap) < GOOD else 1.0
+        doubtful = lost or float(overlap) < GOOD or energy > UNUSUAL * self.fitted
         return TrackedPose(
             rotation[0].numpy(),
             translation[0].numpy(),
             self.size,
             energy,
             float(overlap),
-            min(confidence, most),
+            min(confidence, DOUBTFUL) if doubtful else confidence,
             lost,
             anew,
             self.camera.double().numpy(),
