@@ -57,28 +57,30 @@ def run(args: Namespace) -> None:
     if args.check and before is None:
         raise ValueError(f"--check: the card of {args.model} holds no calibration of {kind} fits")
     pipeline = model.pipeline(depth=args.depth)
-    names, told, right, energy, fitted = [], [], [], [], None
+    names: list[str] = []
+    told: list[dict[str, float]] = []
+    right: list[bool] = []
+    energy: list[float] = []
+    fitted = None
     with progress() as bar:
         task = bar.add_task("drawing", total=args.views)
         sets = list(calibration_views(model, args.views, args.seed, lambda done: bar.update(task, completed=done)))
         bar.reset(task, description="fitting")
         for chosen, views in sets:
-            already = len(names)
-            _, results = rotation_errors(
-                model, views, pipeline, on_batch=lambda done, first=already: bar.update(task, completed=first + done)
-            )
+            _, results = rotation_errors(model, views, pipeline)
             fitted = fitted or results[0]
             for answer in answers(model, views, results):
                 names.append(chosen.name)
                 told.append(answer.evidence)
                 right.append(answer.error_deg < RIGHT_DEG and not chosen.foreign)
-                energy.append(answer.energy)
+                energy += [] if chosen.foreign else [answer.energy]
+            bar.advance(task, len(views.crops))
     if args.check and before is not None:
         probabilities = [before.probability(one) for one in told]
         print_reliability(reliability(probabilities, right), "the card's calibration")
         print_sets(by_set(names, probabilities, right))
         over = sum(one > before.energy_99 for one in energy) / len(energy)
-        print(f"{100 * over:.0f} % of the views have an energy above the card's {before.energy_99:.3f}")
+        print(f"{100 * over:.0f} % of the category's views have an energy above the card's {before.energy_99:.3f}")
         return
     if fitted is None or not told:
         raise ValueError("no view could be fitted, so there is nothing to calibrate")

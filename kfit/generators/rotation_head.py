@@ -81,7 +81,8 @@ class RotationHead(PoseNetwork):
         # The picture turned back by bin k has its object at roll j − k.
         bins = torch.arange(count, device=image.device)
         roll = roll.gather(2, ((bins - bins[:, None]) % count).expand(rows, -1, -1)).mean(1).log_softmax(1)
-        return (roll[:, :, None] + view).flatten(1)
+        joint: Tensor = (roll[:, :, None] + view).flatten(1)
+        return joint
 
     def divergence(self, image: Tensor, azimuth: Tensor, elevation: Tensor, roll: Tensor) -> Tensor:
         """Return KL(q ‖ p) (N,) in nats between targets q (``log_kernel``) and predictions p, estimated by sampling.

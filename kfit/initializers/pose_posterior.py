@@ -86,7 +86,8 @@ class PosePosterior(Initializer):
         left, _, right = torch.linalg.svd(mean.masked_fill(failed, 0.0))
         turn = torch.ones_like(mean[:, 0])
         turn[:, 2] = torch.det(left @ right)
-        return (left * turn[:, None] @ right).masked_fill(failed, torch.nan)
+        nearest: Tensor = (left * turn[:, None] @ right).masked_fill(failed, torch.nan)
+        return nearest
 
 
 def _with_axis(axis: Tensor) -> Tensor:

@@ -40,7 +40,7 @@ def default_parts(
     """Energies with priors, their weights, initializers and rates of `kfit.pose.CategoryModel.pipeline`."""
     parts: dict[str, Energy | Prior] = {name: energy for name, (energy, _) in energies.items()}
     parts["prior"] = CodePrior()
-    fixed = {"shift": 0.0, "scale": 1.0}
+    fixed: dict[str, float | list[float]] = {"shift": 0.0, "scale": 1.0}
     initializers: list[Initializer] = [
         PosePosterior(pose_head) if pose_head else SphereGrid(elevation_deg=(0.0, 60.0)),
         EncoderPosterior(encoder),

@@ -48,21 +48,18 @@ class RandomCrop:
         Returns:
             Crops (N, 3, size, size) on white, and their rolls (N,) in radians; drawn from torch's random numbers.
         """
-        rows, like = len(image), {"device": image.device, "dtype": image.dtype}
-        roll = torch.where(
-            torch.rand(rows, **like) < 0.5,
-            self.roll * torch.randn(rows, **like),
-            math.pi * (2 * torch.rand(rows, **like) - 1),
-        )
+        rows = image.new_zeros(len(image))
+        near = self.roll * torch.randn_like(rows)
+        roll = torch.where(torch.rand_like(rows) < 0.5, near, math.pi * (2 * torch.rand_like(rows) - 1))
         image, mask = self._hide(image, mask)
-        even = 2 * torch.rand(rows, 3, **like) - 1
+        even = 2 * torch.rand_like(image[:, :, 0, 0]) - 1
         shift, factor = self.shift * even[:, :2], (math.log(self.scale) * even[:, 2]).exp()
         return crop_rolled(image, mask, roll, self.size, shift, factor), roll
 
     def _hide(self, image: Tensor, mask: Tensor) -> tuple[Tensor, Tensor]:
-        rows, like = len(image), {"device": image.device, "dtype": image.dtype}
-        angle = 2 * math.pi * torch.rand(rows, **like)
-        share = 0.4 * torch.rand(rows, **like) * (torch.rand(rows, **like) < self.hidden)
+        rows = image.new_zeros(len(image))
+        angle = 2 * math.pi * torch.rand_like(rows)
+        share = 0.4 * torch.rand_like(rows) * (torch.rand_like(rows) < self.hidden)
         x, y = _pixels(mask)
         along = angle.cos()[:, None, None] * x + angle.sin()[:, None, None] * y
         there = mask[:, 0] > 0.5
@@ -103,7 +100,8 @@ def crop_rolled(
     offset = middle_out - zoom * centre[..., None] - linear.sum(2, keepdim=True) * middle_in
     with torch.autocast(image.device.type, enabled=False):
         matrix = torch.cat([linear, offset], 2)
-        return warp_affine(image - 1, matrix, (size, size), align_corners=True) + 1
+        cropped: Tensor = warp_affine(image - 1, matrix, (size, size), align_corners=True) + 1
+    return cropped
 
 
 def _pixels(mask: Tensor) -> tuple[Tensor, Tensor]:
