@@ -25,7 +25,7 @@ def size_change(path: Path) -> tuple[int, Size, Size] | None:
         its number from 0, its width and height, and those of the first; None where all are alike.
     """
     capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG, [cv2.CAP_PROP_FORMAT, -1])
-    codec = int(capture.get(cv2.CAP_PROP_FOURCC)).to_bytes(4, "little")
+    codec = (int(capture.get(cv2.CAP_PROP_FOURCC)) & 0xFFFFFFFF).to_bytes(4, "little")
     size_of, first, number = CODECS.get(codec), None, 0
     while size_of is not None:
         read, packet = capture.read()

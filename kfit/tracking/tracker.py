@@ -18,7 +18,7 @@ from kfit.energies import L2, PosePrior, Silhouette
 from kfit.fitting.pipeline import FitPipeline
 from kfit.generators import SimilarityWarp
 from kfit.generators.similarity_warp import warp
-from kfit.geometry import Crop
+from kfit.geometry import Crop, rotation_error
 from kfit.initializers import PosePosterior
 from kfit.optimizers import GaussNewton
 from kfit.pose.category_model import CategoryModel
@@ -40,6 +40,8 @@ BAND, WIDE_BAND = 0.05, 0.09
 LOST, GOOD = 0.6, 0.85
 # Times the usual energy above which it is, too, and how fast what is usual follows.
 UNUSUAL, LEARNING = 2.0, 0.2
+# Degrees from one frame to the next that are a jump to another pose, and frames without one until a pose is trusted.
+JUMP_DEG, CALM = 30.0, 5
 # Share of the last motion in what is expected of the next.
 MOMENTUM = 0.5
 
@@ -49,8 +51,8 @@ class Tracker:
 
     A frame's confidence is that of the model's calibration, by the two poses that are compared in it in place of a
     fit's starts, and the share of the pose head's probability near the better one. It is 50 % at most where the frame
-    is lost, where its mask differs from the drawing (an overlap below 0.85) and where the energy is twice that of the
-    last frame that was fitted from nothing; it is 0 where nothing is seen.
+    is lost, where its mask differs from the drawing (an overlap below 0.85), where the energy is twice that of the last
+    frame that was fitted from nothing, and in the five frames after a jump of 30°; it is 0 where nothing is seen.
 
     Args:
         model: with a pose head.
@@ -78,6 +80,7 @@ class Tracker:
             num_starts=1,
             num_steps=STEPS,
         )
+        self.calm, self.before = CALM, torch.from_numpy(first.rotation)
         self._start(first)
 
     def _start(self, first: PoseResult) -> None:
@@ -209,7 +212,9 @@ class Tracker:
             overlap = away / self.silhouette.maximum(seen.field("mask")[0, 0]).sum()
             rotation, translation, _ = self.model.placed(self.values, self.crop, self.camera)
         lost = float(overlap) < LOST or energy > UNUSUAL * self.usual
-        doubtful = lost or float(overlap) < GOOD or energy > UNUSUAL * self.fitted
+        jump = rotation_error(rotation[0], self.before, self.model.card.known.symmetry).rad2deg() > JUMP_DEG
+        self.calm, self.before = 0 if jump else self.calm + 1, rotation[0]
+        doubtful = lost or float(overlap) < GOOD or energy > UNUSUAL * self.fitted or self.calm < CALM
         return TrackedPose(
             rotation[0].numpy(),
             translation[0].numpy(),
