@@ -50,7 +50,7 @@ def build(rng: np.random.Generator, held_out: bool) -> Mesh:
         parts.append(_label(rng, form, profile, section, height, base))
     parts += _base(rng, form, profile, section, base)
     if form.tops == ("none",):
-        end = section * [1 - form.flatten, 1.0] * neck
+        end = body.vertices.reshape(len(profile), -1, 3)[-1][:, [0, 2]]
         parts.append(plate(end, height, textures.solid(base)))
         return join(parts)
     top = bottle_tops.build(rng, str(rng.choice(form.tops)), neck, height, base)
