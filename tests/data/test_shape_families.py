@@ -62,7 +62,7 @@ def test_a_family_fits_its_box_and_picture_and_is_closed(object_of, category, he
     for seed in range(2):
         mesh = object_of(category, held_out, name, seed)
         assert (mesh.extents <= np.array(known.sides) + 1e-3).all()
-        assert 2 * np.linalg.norm(mesh.vertices, axis=1).max() * known.unit_fraction <= 1.01
+        assert 2 * np.linalg.norm(mesh.vertices, axis=1).max() * known.unit_fraction <= 1.025
         for elevation, azimuth in DIRECTIONS:
             every, front = (
                 depth_of(mesh, elevation, azimuth, c) for c in (cv2.RASTERIZE_CULLING_NONE, cv2.RASTERIZE_CULLING_CW)
