@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from kfit.data.mesh import Mesh
@@ -67,12 +69,11 @@ def food(rng: np.random.Generator, radius: float, at: float, room: float) -> lis
 
 
 def _food_color(rng: np.random.Generator) -> np.ndarray:
-    """Rice, cereal, soup, salad, fruit."""
-    kind = rng.integers(5)
-    if kind == 0:
+    """Rice and yoghurt, cereal and pasta, tomato, salad, fruit."""
+    low, high = ((0.07, 0.12), (0.09, 0.14), (0.0, 0.07), (0.18, 0.32), (-0.08, 0.17))[rng.integers(5)]
+    if rng.random() < 0.25:
         return colors.white(rng)
-    hue = (None, rng.uniform(0.07, 0.12), rng.uniform(0.0, 0.1), rng.uniform(0.2, 0.36), rng.uniform(-0.05, 0.17))[kind]
-    return colors.hue(rng, float(hue or 0.1), (0.35, 0.9), (0.35, 0.9))
+    return colors.hue(rng, float(rng.uniform(low, high)), (0.35, 0.85), (0.35, 0.85))
 
 
 def _heap(rng: np.random.Generator, radius: float, at: float, rise: float, base: np.ndarray) -> Mesh:
@@ -88,7 +89,10 @@ def _heap(rng: np.random.Generator, radius: float, at: float, rise: float, base:
     for _ in range(rng.integers(0, 3)):
         picture[textures.cloud(rng, (_SIZE, _SIZE), 7, 2) > rng.uniform(0.6, 0.75)] = _food_color(rng)
     points = [radius * share * np.sin(angle), at + height, radius * share * np.cos(angle)]
-    return sheet(np.stack(np.broadcast_arrays(*points), axis=-1), as_texture(picture))
+    mound = sheet(np.stack(np.broadcast_arrays(*points), axis=-1), as_texture(picture))
+    if rng.random() < 0.3:  # noodles, which lie in rings
+        return mound
+    return replace(mound, uv=(mound.vertices[:, [0, 2]] / (2 * radius) + 0.5).clip(0, 1).astype(np.float32))
 
 
 def _pieces(rng: np.random.Generator, radius: float, at: float, room: float) -> list[Mesh]:
