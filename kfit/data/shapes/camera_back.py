@@ -30,10 +30,11 @@ def rear(
     parts = _display(rng, height, z, base) if rng.random() < screen else _film_back(rng, height, z, base)
     if eye is not None:
         rubber = textures.solid(colors.black(rng))
-        cup = slab(rounded_rectangle(0.2, 0.13, 0.04), 0.0, rng.uniform(0.03, 0.08), 0.012, (rubber, rubber, rubber))
+        tall = rng.uniform(0.03, 0.08)
+        cup = slab(rounded_rectangle(0.2, 0.13, 0.04), 0.0, tall, 0.012, (rubber, rubber, rubber))
         glass = panel((0.1, 0.06), textures.solid(np.array([0.12, 0.13, 0.17])))
         parts += [part.transformed(shift(0, eye, z - 0.01) @ turn_x(np.pi / 2)) for part in cup]
-        parts.append(glass.transformed(shift(0, eye, z + 0.075)))
+        parts.append(glass.transformed(shift(0, eye, z + tall - 0.008)))
     return [part.transformed(turn_y(np.pi)) for part in parts]
 
 
@@ -75,7 +76,7 @@ def _display(rng: np.random.Generator, height: float, z: float, base: np.ndarray
 def _film_back(rng: np.random.Generator, height: float, z: float, base: np.ndarray) -> list[Mesh]:
     """A hinged door with a film window, a pocket for a card, or small print."""
     leather = textures.speckle(rng, base if rng.random() < 0.5 else colors.black(rng), (64, 128))
-    parts = [panel((0.86, height * 0.72), leather).transformed(shift(0, height * 0.42, z))]
+    parts = [panel((0.76, height * 0.6), leather).transformed(shift(0, height * 0.45, z))]
     if rng.random() < 0.6:
         window = textures.solid(colors.hue(rng, None, (0.1, 0.6), (0.15, 0.8)))
         parts.append(panel((0.05, height * 0.3), window).transformed(shift(0.24, height * 0.45, z + LIFT)))
