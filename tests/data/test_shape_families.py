@@ -1,4 +1,4 @@
-"""Every family of shapes: it builds, fits its category's box, is closed, and shows an underside."""
+"""Every family of shapes: it builds, fits its category's box, is closed, and stands on a ring where real ones do."""
 
 import importlib
 
@@ -70,3 +70,11 @@ def test_a_family_fits_its_box_and_picture_and_is_closed(object_of, category, he
             covered = every < 19
             # Where a back is seen, or a hole shows what lies behind it, the fronts alone are farther away.
             assert (np.abs(front - every) > 0.01)[covered].mean() < 0.02
+
+
+@pytest.mark.parametrize("category", ["bottle", "bowl", "can", "mug"])
+def test_the_underside_is_recessed_inside_its_ring(category):
+    for seed in range(4):
+        mesh = MODULES[category].build(np.random.default_rng([seed, 12]), bool(seed % 2)).normalised()
+        depth = depth_of(mesh, -np.pi / 2, 0.0, cv2.RASTERIZE_CULLING_NONE)
+        assert depth[44:52, 44:52].mean() > depth.min() + 0.002
