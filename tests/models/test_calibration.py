@@ -156,13 +156,26 @@ def test_a_poor_drawing_is_told_where_the_fit_is_the_model_s_own() -> None:
 def test_a_poor_drawing_of_the_look_is_told_where_fits_with_depth_have_no_calibration() -> None:
     terms = {"l1": torch.tensor([[[9.0, 0.5]], [[3.0, 0.1]]]), "depth": torch.ones(2, 1, 2)}
     fit = replace(fit_of(), history=History(terms["l1"] + terms["depth"], terms, {}))
-    for energy, poor in ((4.0, True), (1.1, False)):
+    for start, energy, poor in ((0, 4.0, True), (1, 1.1, False)):
+        fit = replace(fit, start=torch.tensor([start]))
         known = Calibration(1.0, {}, 2.0, {**FITS, "weights": {"l1": 1.0}}, 9)
         said, note = confidence(None, fit, found(energy=energy), None, known)
         assert said == (0.5 if poor else 0.9)
         assert note is not None
         assert note.startswith("confidence not calibrated, as the model's card")
         assert ("explains the look of the picture poorly" in note) == poor
+
+
+def test_of_equal_energies_the_look_of_the_own_problem_counts() -> None:
+    look = torch.tensor([[[9.0], [1.0]]])
+    terms, rows = {"l1": look, "depth": 10 - look}, torch.arange(2)
+    fit = replace(
+        fit_of(), energy=torch.full((2,), 10.0), start=rows * 0, all_problem=rows, all_start=rows * 0,
+        all_energy=torch.full((2,), 10.0), history=History(torch.full((1, 2, 1), 10.0), terms, {}),
+    )  # fmt: skip
+    known = Calibration(1.0, {}, 2.0, {**FITS, "weights": {"l1": 1.0}}, 9)
+    for problem, expected in ((0, 0.5), (1, 0.9)):
+        assert confidence(None, fit.of(problem), found(energy=10.0), None, known)[0] == expected
 
 
 def test_a_card_keeps_its_calibrations(tiny_file: Path) -> None:
