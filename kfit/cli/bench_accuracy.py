@@ -148,7 +148,7 @@ def write_card(
     models: dict[str, CategoryModel], said: Namespace, procedural: Figures, scans: Figures, objects: list[Any]
 ) -> None:
     """Note what was measured in the card of the one model."""
-    from kfit.core.whole_files import write_whole
+    from kfit.models import write_model
 
     (model,) = models.values()
     schedule = {name: _schedule(said)[name] for name in ("starts", "steps", "pruned", "seed")}
@@ -159,8 +159,7 @@ def write_card(
         model.card.accuracy[f"scans{with_depth}"] = {**schedule, **scans}
     if objects:
         model.card.accuracy["objects of NOCS's frames, true masks"] = {**schedule, "objects": objects}
-    card = Path(said.model).with_suffix(".json")
-    write_whole(card.parent, {card.name: model.card.write})
+    write_model(Path(said.model), model.networks, model.card)  # the weights that were measured, with their card
 
 
 def _schedule(said: Namespace) -> dict[str, Any]:

@@ -24,7 +24,7 @@ def parser() -> ArgumentParser:
         type=str,
         required=True,
         metavar="FILE.safetensors",
-        help="the model, whose card beside it is written to",
+        help="the model; its card gets the calibration",
     )
     parser.add_argument("--views", type=int, default=200, help="number of objects, one view each")
     parser.add_argument("--seed", type=int, default=7, help="chooses the objects and poses")
@@ -41,9 +41,8 @@ def run(said: Namespace) -> None:
         raise ValueError(f"--views must be at least 2, got {said.views}")
     import torch
 
-    from kfit.core.whole_files import write_whole
     from kfit.geometry import rotation_error
-    from kfit.models import load
+    from kfit.models import load, write_model
     from kfit.models.accuracy import RIGHT_DEG, rotation_errors, unseen_views
     from kfit.models.alternatives import fitted_rotations
     from kfit.models.calibrating import calibrate, reliability
@@ -79,8 +78,7 @@ def run(said: Namespace) -> None:
         return
     weights = {name: float(weight) for name, weight in pipeline.weights.items() if weight}  # type: ignore[arg-type]
     model.card.calibration[kind] = calibrate(told, right, energy, how_fitted(results[0], weights), said.seed)
-    card = Path(said.model).with_suffix(".json")
-    write_whole(card.parent, {card.name: model.card.write})
+    write_model(Path(said.model), model.networks, model.card)  # the weights that were measured, with their card
     print_reliability(model.card.calibration[kind].measured, "by cross-validation")
 
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 def parser() -> ArgumentParser:
     """Arguments of ``kfit pack``."""
     parser = ArgumentParser(
-        description="Pack a checkpoint of `lightning fit` as NAME.safetensors and NAME.json, its card.",
+        description="Pack a checkpoint of `lightning fit` as NAME.safetensors, with its card in the metadata.",
         epilog="examples:\n  kfit pack lightning_logs/version_0/checkpoints/last.ckpt --out mug.safetensors\n"
         "  kfit pack last.ckpt --pose-head lightning_logs/version_1/checkpoints/last.ckpt --out mug.safetensors",
     )
@@ -29,15 +29,13 @@ def parser() -> ArgumentParser:
         help="a .ckpt file of kfit.training.PoseTraining, or a model's .safetensors file, whose head is taken",
     )
     parser.add_argument("--pose-weight", type=float, default=2.0, help="how much a fit heeds the pose head")
-    parser.add_argument(
-        "--out", type=str, required=True, metavar="FILE.safetensors", help="file to write; its card lies beside it"
-    )
+    parser.add_argument("--out", type=str, required=True, metavar="FILE.safetensors", help="file to write")
     parser.add_argument("--command", type=str, default=None, metavar="WORDS", help="the training command, for the card")
     return parser
 
 
 def run(said: Namespace) -> None:
-    """Write the two files."""
+    """Write the file."""
     out = Path(said.out)
     if out.suffix != ".safetensors":
         raise ValueError(f"--out must end in .safetensors, got {said.out}")
@@ -83,7 +81,7 @@ def run(said: Namespace) -> None:
         | also,
     )
     write_model(out, networks, card)
-    log.info("wrote %s and %s", out, out.with_suffix(".json").name)
+    log.info("wrote %s", out)
 
 
 def _head(path: Path) -> tuple[nn.Module, dict[str, Any], str, Any]:

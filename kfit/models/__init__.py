@@ -2,7 +2,7 @@
 
 from kfit.models.card import Card
 from kfit.models.category_model import CategoryModel
-from kfit.models.files import read_checkpoint, read_model, write_model
+from kfit.models.files import read_card, read_checkpoint, read_model, write_model
 from kfit.models.followed import Followed
 from kfit.models.follower import Follower
 from kfit.models.following import follow
@@ -21,6 +21,7 @@ __all__ = [
     "follow",
     "load",
     "load_released",
+    "read_card",
     "read_checkpoint",
     "read_model",
     "released_values",

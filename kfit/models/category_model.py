@@ -67,10 +67,15 @@ class CategoryModel:
 
     def to(self, device: str | torch.device) -> CategoryModel:
         """Move its networks to a device, where its fits run from then on; returns itself."""
-        for network in (self.generator, self.encoder, self.extents, self.pose_head):
-            if network is not None:
-                network.to(device)
+        for network in self.networks.values():
+            network.to(device)
         return self
+
+    @property
+    def networks(self) -> dict[str, nn.Module]:
+        """Its networks by their names in the card, as `kfit.models.write_model` takes them."""
+        networks = {"generator": self.generator, "encoder": self.encoder, "extents": self.extents}
+        return networks if self.pose_head is None else networks | {"pose_head": self.pose_head}
 
     @staticmethod
     def of(networks: dict[str, nn.Module], card: Card) -> CategoryModel:

@@ -19,6 +19,7 @@ from kfit.core.check import check_choice, check_count, check_dict, check_names, 
 from kfit.devices import cores, one_thread
 from kfit.geometry import CATEGORIES
 from kfit.models.category_model import CategoryModel
+from kfit.models.files import read_card
 from kfit.models.fit_data import FitData, ImageToFit, Look, Unreadable
 from kfit.models.load import BUNDLED, bundled, load
 from kfit.models.pose_result import PoseResult
@@ -220,5 +221,5 @@ def _draws_depth(model: CategoryModel) -> bool:
 
 
 def _digest(path: Path) -> str:
-    """Tells one model from another: by its weights and its card."""
-    return hashlib.sha256(path.read_bytes() + path.with_suffix(".json").read_bytes()).hexdigest()[:12]
+    """Tells one model from another: by its weights and its card, which files of version 0.1 have elsewhere."""
+    return hashlib.sha256(path.read_bytes() + read_card(path).to_json().encode()).hexdigest()[:12]

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -8,11 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from model_file import card_of, put_card
 
 import kfit
 from kfit.core import FitResult, History
 from kfit.geometry import Crop
-from kfit.models import Alternative, Card, CategoryModel
+from kfit.models import Alternative, CategoryModel, read_card
 from kfit.models.calibrating import calibrate, calibrated, cross_validated, reliability
 from kfit.models.calibration import Calibration, confidence, evidence, how_fitted
 from kfit.models.sighting import cut_off, too_small
@@ -181,23 +181,21 @@ def test_of_equal_energies_the_look_of_the_own_problem_counts() -> None:
 def test_a_card_keeps_its_calibrations(tiny_file: Path) -> None:
     made, right, _ = made_up(30)
     told = [{"energy": one["x"], "looks": one["y"]} for one in made]
-    path = tiny_file.with_suffix(".json")
-    card = Card.read(path)
+    card = read_card(tiny_file)
     assert card.calibration == {}
     card.calibration["RGB"] = calibrate(told, right, list(range(30)), FITS, 7)
-    card.write(path)
-    again = Card.read(path).calibration["RGB"]
+    put_card(tiny_file, card.to_json())
+    again = read_card(tiny_file).calibration["RGB"]
     assert again == card.calibration["RGB"]
     assert again.views == 30
     assert again.energy_99 == pytest.approx(28.71)
 
 
 def test_a_card_from_before_calibrations_is_read(tiny_file: Path) -> None:
-    path = tiny_file.with_suffix(".json")
-    said = json.loads(path.read_text())
+    said = card_of(tiny_file)
     del said["calibration"]
-    path.write_text(json.dumps(said))
-    assert Card.read(path).calibration == {}
+    put_card(tiny_file, said)
+    assert read_card(tiny_file).calibration == {}
 
 
 GOOD = {"bias": 0.0, "coefficients": {"energy": 1.0}, "energy_99": 1.0, "fits": FITS, "views": 9, "measured": {}}
@@ -216,11 +214,10 @@ GOOD = {"bias": 0.0, "coefficients": {"energy": 1.0}, "energy_99": 1.0, "fits": 
     ],
 )
 def test_a_calibration_that_cannot_be_used_gets_a_sentence(tiny_file: Path, wrong: object, sentence: str) -> None:
-    path = tiny_file.with_suffix(".json")
-    path.write_text(json.dumps(json.loads(path.read_text()) | {"calibration": wrong}))
+    put_card(tiny_file, card_of(tiny_file) | {"calibration": wrong})
     with pytest.raises(ValueError, match=sentence) as refused:
-        Card.read(path)
-    assert "tiny.json holds a calibration that cannot be used" in str(refused.value)
+        read_card(tiny_file)
+    assert "tiny.safetensors holds a calibration that cannot be used" in str(refused.value)
 
 
 def test_a_pose_has_calibrated_confidence_in_the_model_s_own_fit_alone(tiny_model: CategoryModel) -> None:
