@@ -7,7 +7,7 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from kfit.models import load
+    from kfit.models.load import load
     from kfit.pipeline import FitPipeline
     from kfit.reports.html_page import report
 

@@ -31,7 +31,7 @@ from kfit.core.check import check_count, check_dict, check_names, check_range
 from kfit.core.recorder import Recorder
 from kfit.core.rows import beside, best_first, finite
 from kfit.core.seeds import mixed_seed
-from kfit.devices import compile_networks
+from kfit.devices import compile_networks, safe_after_fork
 from kfit.features import FeatureNetwork
 from kfit.judge import Judge
 from kfit.proposals import propose
@@ -149,6 +149,7 @@ class FitPipeline(nn.Module):
     def _weights_at(self, step: int) -> dict[str, float]:
         return {k: w(step, self.num_steps) if isinstance(w, Schedule) else w for k, w in self.weights.items()}
 
+    @safe_after_fork()
     def forward(self, observation: Observation, *, seed: int | None = None) -> FitResult:
         """Fit B problems.
 

@@ -16,7 +16,7 @@ from kfit.models import CategoryModel, PoseResult
 from kfit.models.accuracy import UnseenViews, answer_to, unseen_views
 from kfit.models.card import KINDS
 from kfit.models.measured import measure
-from kfit.models.nocs_accuracy import draws_depth, fit_known, known_objects
+from kfit.models.nocs_accuracy import fit_known, known_objects
 from kfit.models.scans import find_scans, scan_views
 from kfit.pipeline import FitPipeline
 from kfit.reports.contact_sheet import SheetEntry, contact_sheet, evenly
@@ -111,7 +111,7 @@ class AccuracyFits:
             pipelines = {
                 way: self.pipeline(model, way == "RGB-D")
                 for way in ways
-                if mine and (way == "RGB" or draws_depth(model))
+                if mine and (way == "RGB" or "depth" in model.drawn)
             }
             for known in mine:
                 row: dict[str, Any] = {"name": known.name, "split": known.split, "category": category}

@@ -102,10 +102,9 @@ def run(said: Namespace) -> None:
 
     from kfit.cli.accuracy_fits import AccuracyFits
     from kfit.core.whole_files import write_whole
-    from kfit.models.nocs_accuracy import draws_depth
 
     models = models_of(said)
-    flat = [category for category, model in models.items() if said.depth and not draws_depth(model)]
+    flat = [category for category, model in models.items() if said.depth and "depth" not in model.drawn]
     if flat:
         raise ValueError(f"--depth needs models that draw depth; of {', '.join(flat)} it is the picture alone")
     with progress() as bar:

@@ -12,15 +12,29 @@ from kfit.cli.session import log
 if TYPE_CHECKING:
     from torch import nn
 
+    from kfit.models import Card
+
 
 def parser() -> ArgumentParser:
     """Arguments of ``kfit pack``."""
     parser = ArgumentParser(
         description="Pack a checkpoint of `lightning fit` as NAME.safetensors, with its card in the metadata.",
         epilog="examples:\n  kfit pack lightning_logs/version_0/checkpoints/last.ckpt --out mug.safetensors\n"
-        "  kfit pack last.ckpt --pose-head lightning_logs/version_1/checkpoints/last.ckpt --out mug.safetensors",
+        "  kfit pack last.ckpt --pose-head lightning_logs/version_1/checkpoints/last.ckpt --out mug.safetensors\n"
+        "  kfit pack model_latest.pth --category laptop --out laptop.safetensors",
     )
-    parser.add_argument("checkpoint", type=str, help="a .ckpt file of kfit.training.ConditionalVAE")
+    parser.add_argument(
+        "checkpoint",
+        type=str,
+        help="a .ckpt file of kfit.training.ConditionalVAE, or with --category the paper's authors' model_latest.pth",
+    )
+    parser.add_argument(
+        "--category",
+        type=str,
+        default=None,
+        metavar="NAME",
+        help="category of a model_latest.pth, which does not name it itself",
+    )
     parser.add_argument(
         "--pose-head",
         type=str,
@@ -41,47 +55,54 @@ def run(said: Namespace) -> None:
         raise ValueError(f"--out must end in .safetensors, got {said.out}")
     if said.pose_weight < 0:
         raise ValueError(f"--pose-weight must be at least 0, got {said.pose_weight}")
+    from kfit.models import released_model, write_model
+
+    if said.category is None:
+        networks, card = _trained(Path(said.checkpoint), said.command)
+    else:
+        networks, card = released_model(said.checkpoint, said.category)
+    card.pose_weight = said.pose_weight
+    if said.pose_head is not None:
+        networks["pose_head"], card.networks["pose_head"], of, trained = _head(Path(said.pose_head))
+        if of != card.category:
+            raise ValueError(f"--pose-head is of category {of}, the checkpoint of {card.category}")
+        card.training["pose_head"] = trained
+    write_model(out, networks, card)
+    log.info("wrote %s", out)
+
+
+def _trained(path: Path, command: str | None) -> tuple[dict[str, nn.Module], Card]:
+    """Networks of a checkpoint of `lightning fit`, and a card of their training."""
     import torch
 
     from kfit import __version__
     from kfit.data.rasterizer import DISTANCE
     from kfit.data.shapes import VERSION
     from kfit.geometry import CATEGORIES
-    from kfit.models import Card, read_checkpoint, write_model
+    from kfit.models import Card, read_checkpoint
 
-    networks, saved = read_checkpoint(Path(said.checkpoint))
+    networks, saved = read_checkpoint(path)
     model, data = saved["hyper_parameters"], _told(saved)
     category = CATEGORIES[data["category"]]
-    named = {name: model[name] for name in networks}
-    also: dict[str, object] = {}
-    if said.pose_head is not None:
-        networks["pose_head"], named["pose_head"], of, trained = _head(Path(said.pose_head))
-        if of != category.name:
-            raise ValueError(f"--pose-head is of category {of}, the checkpoint of {category.name}")
-        also = {"pose_head": trained}
-    card = Card(
+    return networks, Card(
         category=category.name,
-        networks=named,
+        networks={name: model[name] for name in networks},
         distance=DISTANCE,
         unit_fraction=category.unit_fraction,
         elevation_deg=category.elevation_deg,
         axes=category.axes,
         symmetry=category.symmetry,
         mean_diagonal=category.mean_diagonal,
-        pose_weight=said.pose_weight,
         training={
-            "command": said.command or "not told",
+            "command": command or "not told",
             "data": data | {"shapes_version": VERSION},
             "steps": int(saved["global_step"]),
             "pairs": int(saved["global_step"]) * int(data["batch_size"]),
             "kl_weight": model["kl_weight"],
             "kfit": __version__,
             "torch": torch.__version__,
-        }
-        | also,
+        },
     )
-    write_model(out, networks, card)
-    log.info("wrote %s", out)
 
 
 def _head(path: Path) -> tuple[nn.Module, dict[str, Any], str, Any]:

@@ -9,6 +9,7 @@ from kfit.models.following import follow
 from kfit.models.load import bundled, load
 from kfit.models.pose_result import Alternative, PoseResult
 from kfit.models.released import load_released, released_values
+from kfit.models.released_model import released_model
 
 __all__ = [
     "Alternative",
@@ -24,6 +25,7 @@ __all__ = [
     "read_card",
     "read_checkpoint",
     "read_model",
+    "released_model",
     "released_values",
     "write_model",
 ]

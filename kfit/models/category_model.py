@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ from kfit.core import (
     Rendering,
     Variables,
 )
+from kfit.devices import safe_after_fork
 from kfit.generators import ExtentsHead, MetricDepth, SimilarityWarp
 from kfit.geometry import Crop, diagonal_at, pose_from_crop
 from kfit.models.alternatives import Verdict, alternatives, seen_share, warning
@@ -105,7 +107,8 @@ class CategoryModel:
         poses. Adam at the released rates, which fall from step to step; E = features of EfficientNet-Lite0 + 2 · SSIM
         + 5 · silhouette + 0.02 · code prior + the card's pose weight · what the pose head says, and where there is
         depth 4 · its difference in mean box diagonals.
-        ``kfit bench energies`` compares others with the first three.
+        ``kfit bench energies`` compares others with the first three. A generator that draws no mask is fitted without
+        the silhouette.
 
         Args:
             num_starts, num_steps: as in `kfit.FitPipeline`.
@@ -115,7 +118,7 @@ class CategoryModel:
         """
         warped: Generator = SimilarityWarp(self.generator)
         parts, weights, initializers, rates = usual_parts(
-            self.encoder, self.pose_head, self.card, depth, usual_energies() if energies is None else energies
+            self.encoder, self.pose_head, self.card, depth, self._usual_energies() if energies is None else energies
         )
         return FitPipeline(
             MetricDepth(warped) if depth else warped,
@@ -129,6 +132,21 @@ class CategoryModel:
             num_candidates=(16 if self.pose_head is None else 4) * num_starts,
         ).to(self.device)
 
+    def _usual_energies(self) -> dict[str, tuple[Energy, float]]:
+        """The usual energies, without those of fields that the generator does not draw."""
+        return {name: given for name, given in usual_energies().items() if given[0].on in self.drawn}
+
+    @cached_property
+    def drawn(self) -> frozenset[str]:
+        """Fields that its generator draws: ``image``, and ``mask`` and ``depth`` where it can."""
+        like = next(self.encoder.parameters())
+        zeros = {name: like.new_zeros(1, *variable.shape) for name, variable in self.generator.variables.items()}
+        with torch.no_grad():
+            rendering: Rendering = self.generator(**zeros)
+        return frozenset(name for name, field in vars(rendering).items() if field is not None)
+
+    @safe_after_fork()
+    @torch.inference_mode(False)
     def pose(
         self,
         image: str | Path | Photo | NDArray[Any],
@@ -185,6 +203,7 @@ class CategoryModel:
             diagonal = diagonal_at(values["distance"], shift, scale, crop, camera, unit)
         return *pose_from_crop(*angles, shift, scale, crop, camera, diagonal, unit), diagonal
 
+    @safe_after_fork()
     def draw(self, values: Variables) -> Rendering:
         """What N values of a fit look like, on the CPU and without a gradient."""
         warped = SimilarityWarp(self.generator)
@@ -223,6 +242,7 @@ class CategoryModel:
             raise FitError("every start of the fit became NaN or infinite")
         return answer
 
+    @safe_after_fork()
     def answers(self, fit: FitResult, seen: Sequence[Sighting]) -> list[PoseResult | None]:
         """What a fit says of the objects that were seen, one problem each; None where every start failed."""
         with torch.no_grad():

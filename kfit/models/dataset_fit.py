@@ -161,7 +161,7 @@ class DatasetFit(LightningModule):
             model = load(self.files[category])
             if model.card.category != category:
                 raise ValueError(f"models: {self.files[category]} is of the category {model.card.category}")
-            if self.depth and not _draws_depth(model):
+            if self.depth and "depth" not in model.drawn:
                 continue
             self.models[category] = model
             self.pipelines[category] = model.pipeline(self.num_starts, self.num_steps, depth=self.depth)
@@ -212,12 +212,6 @@ class DatasetFit(LightningModule):
                 warnings.warn(f"a {thing.category} of {image.name} is not fitted: {answer}", stacklevel=1)
         if self.folder.write(image.name, lambda path: data.write(path, image, answers)):
             self.counts["images"] += 1
-
-
-def _draws_depth(model: CategoryModel) -> bool:
-    with torch.no_grad():
-        zeros = {name: torch.zeros(1, *variable.shape) for name, variable in model.generator.variables.items()}
-        return model.generator(**zeros).depth is not None
 
 
 def _digest(path: Path) -> str:

@@ -141,6 +141,8 @@ def read_checkpoint(path: Path, names: Sequence[str] = NETWORKS) -> tuple[dict[s
         raise FileNotFoundError(f"no checkpoint at {path}")
     try:
         saved = read_torch(path)
+        if isinstance(saved, dict) and "netG" in saved:
+            raise ValueError("it is a released one of neural_object_fitting, which `kfit pack --category` takes")
         said, numbers = dict(saved["hyper_parameters"]), dict(saved["state_dict"])
         saved["datamodule_hyper_parameters"]["category"]
     except (ValueError, TypeError, KeyError, IndexError) as error:
@@ -167,7 +169,8 @@ def _filled(said: Any, name: str, numbers: Mapping[Any, Any], path: Path) -> nn.
     if not all(isinstance(tensor, Tensor) for tensor in own.values()):
         raise ValueError(f"{path} holds something else than tensors for the {name}")
     try:
-        with _Limited(ROOM + 4 * sum(tensor.numel() for tensor in own.values())):
+        # What a constructor draws is replaced by the file's numbers; the caller's random numbers stay as they are.
+        with torch.random.fork_rng([]), _Limited(ROOM + 4 * sum(tensor.numel() for tensor in own.values())):
             network: nn.Module = kind(**said.get("init_args", {}))
     except Exception as error:  # somebody's own class may raise anything
         reason = " ".join(str(error).split()) or type(error).__name__
@@ -178,7 +181,7 @@ def _filled(said: Any, name: str, numbers: Mapping[Any, Any], path: Path) -> nn.
         network.load_state_dict(own)  # halves become floats again
     except RuntimeError:
         raise ValueError(f"{path} does not fit its card: the weights are not those of the {name} named there") from None
-    return network.eval()
+    return network.float().eval()  # whatever torch's default type is
 
 
 def _kind(class_path: str) -> Any:

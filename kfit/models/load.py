@@ -5,6 +5,9 @@ from __future__ import annotations
 import logging
 from pathlib import Path
 
+import torch
+
+from kfit.devices import safe_after_fork
 from kfit.models.category_model import CategoryModel
 from kfit.models.files import read_model
 
@@ -17,8 +20,12 @@ def bundled() -> list[str]:
     return sorted(path.stem for path in BUNDLED.glob("*.safetensors"))
 
 
+@safe_after_fork()
+@torch.inference_mode(False)
 def load(model: str | Path) -> CategoryModel:
     """Load a bundled model by its category, or one of your own by the path of its .safetensors file.
+
+    Its networks compute in single precision, whatever torch's default type is. Torch's random numbers stay as they are.
 
     Raises:
         ValueError: for a category without a bundled model, or a damaged file.
