@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 from jsonargparse import ArgumentParser, Namespace
 
-from kfit.cli.session import log
+from kfit.runtime.console import log
 
 if TYPE_CHECKING:
     from torch import nn
 
-    from kfit.models import Card
+    from kfit.pose import Card
 
 
 def parser() -> ArgumentParser:
@@ -48,22 +48,22 @@ def parser() -> ArgumentParser:
     return parser
 
 
-def run(said: Namespace) -> None:
+def run(args: Namespace) -> None:
     """Write the file."""
-    out = Path(said.out)
+    out = Path(args.out)
     if out.suffix != ".safetensors":
-        raise ValueError(f"--out must end in .safetensors, got {said.out}")
-    if said.pose_weight < 0:
-        raise ValueError(f"--pose-weight must be at least 0, got {said.pose_weight}")
+        raise ValueError(f"--out must end in .safetensors, got {args.out}")
+    if args.pose_weight < 0:
+        raise ValueError(f"--pose-weight must be at least 0, got {args.pose_weight}")
     from kfit.models import released_model, write_model
 
-    if said.category is None:
-        networks, card = _trained(Path(said.checkpoint), said.command)
+    if args.category is None:
+        networks, card = _trained(Path(args.checkpoint), args.command)
     else:
-        networks, card = released_model(said.checkpoint, said.category)
-    card.pose_weight = said.pose_weight
-    if said.pose_head is not None:
-        networks["pose_head"], card.networks["pose_head"], of, trained = _head(Path(said.pose_head))
+        networks, card = released_model(args.checkpoint, args.category)
+    card.pose_weight = args.pose_weight
+    if args.pose_head is not None:
+        networks["pose_head"], card.networks["pose_head"], of, trained = _head(Path(args.pose_head))
         if of != card.category:
             raise ValueError(f"--pose-head is of category {of}, the checkpoint of {card.category}")
         card.training["pose_head"] = trained
@@ -79,7 +79,8 @@ def _trained(path: Path, command: str | None) -> tuple[dict[str, nn.Module], Car
     from kfit.data.rasterizer import DISTANCE
     from kfit.data.shapes import VERSION
     from kfit.geometry import CATEGORIES
-    from kfit.models import Card, read_checkpoint
+    from kfit.models import read_checkpoint
+    from kfit.pose import Card
 
     networks, saved = read_checkpoint(path)
     model, data = saved["hyper_parameters"], _told(saved)

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import torch
 
-from kfit.devices import safe_after_fork
-from kfit.models.category_model import CategoryModel
 from kfit.models.files import read_model
+from kfit.pose.category_model import CategoryModel
+from kfit.runtime.devices import safe_after_fork
 
 _log = logging.getLogger(__name__)
 BUNDLED = Path(__file__).parent / "bundled"

@@ -11,8 +11,8 @@ from kfit.data.rasterizer import DISTANCE
 from kfit.data.shapes import build
 from kfit.generators import ExtentsHead
 from kfit.geometry import CATEGORIES
-from kfit.models.card import Card
 from kfit.models.released import load_released, released_sizes
+from kfit.pose.card import Card
 
 # Procedural objects whose mean sides stand for those of every object.
 OBJECTS = 64

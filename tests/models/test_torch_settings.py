@@ -10,7 +10,7 @@ import pytest
 import torch
 
 import kfit
-from kfit.models import CategoryModel, PoseResult
+from kfit.pose import CategoryModel, PoseResult
 
 RNG = np.random.default_rng(0)
 IMAGE, MASK = RNG.random((70, 80, 3)), np.zeros((70, 80))

@@ -12,7 +12,7 @@ from fitted import KEPT, PRUNED_AT, STARTS, STEPS, fitted_mug
 import kfit
 from kfit.callbacks import Pruning
 from kfit.core import Observation
-from kfit.models.sighting import Sighting as ObservedObject
+from kfit.pose.observed_object import ObservedObject as ObservedObject
 from kfit.reports.fit_frames import fit_frames
 from kfit.reports.html_page import number, page
 

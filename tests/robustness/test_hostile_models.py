@@ -16,10 +16,11 @@ import pytest
 import torch
 from model_file import card_of, put_card
 
-from kfit.core.torch_file import LARGEST_WEIGHTS, read_torch
-from kfit.models import Card, load
+from kfit.models import load
 from kfit.models.files import read_checkpoint
 from kfit.models.load import BUNDLED
+from kfit.pose import Card
+from kfit.runtime.torch_file import LARGEST_WEIGHTS, read_torch
 
 MUG = BUNDLED / "mug.safetensors"
 CARD = card_of(MUG)
