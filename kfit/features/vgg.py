@@ -87,7 +87,8 @@ class VGG19(_VGG):
 
 def _convolution(channels: int, width: int) -> nn.Module:
     """A 3 × 3 convolution in single precision, whatever torch's default type is, yet to be filled."""
-    return nn.utils.skip_init(nn.Conv2d, channels, width, 3, padding=1, dtype=torch.float32)
+    made: nn.Module = nn.utils.skip_init(nn.Conv2d, channels, width, 3, padding=1, dtype=torch.float32)
+    return made
 
 
 def _names(convolutions: tuple[int, ...]) -> list[str]:

@@ -12,16 +12,25 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from kfit.callbacks import Pruning
-from kfit.core import Callback, Encoder, Energy, FitError, FitResult, Generator, Observation, Rendering, Variables
+from kfit.core import (
+    Callback,
+    Encoder,
+    Energy,
+    FitError,
+    FitResult,
+    Generator,
+    Observation,
+    Rendering,
+    Variables,
+)
 from kfit.fitting.pipeline import FitPipeline
 from kfit.generators import ExtentsHead, MetricDepth, SimilarityWarp
-from kfit.geometry import Crop, PoseNetwork, diagonal_at, pose_from_crop
-from kfit.models.files import ROLES
+from kfit.geometry import Crop, PoseNetwork, diagonal_at, pose_from_crop, to_opencv
 from kfit.optimizers import Adam
 from kfit.pose.card import Card
 from kfit.pose.confidence import confidence
 from kfit.pose.defaults import BETAS, FINAL_RATE_FRACTION, default_energies, default_parts
-from kfit.pose.hypotheses import PoseHypotheses, alternatives, ambiguity_warning, head_probability
+from kfit.pose.hypotheses import PoseHypotheses, alternatives, ambiguity_warning, fitted_rotations, head_probability
 from kfit.pose.interpretation import interpret
 from kfit.pose.observed_object import ObservedObject
 from kfit.pose.result import PoseResult
@@ -68,18 +77,6 @@ class CategoryModel:
         networks = {"generator": self.generator, "encoder": self.encoder, "extents": self.extents}
         return networks if self.pose_head is None else networks | {"pose_head": self.pose_head}
 
-    @staticmethod
-    def of(networks: dict[str, nn.Module], card: Card) -> CategoryModel:
-        """A model from a file's networks.
-
-        Raises:
-            ValueError: if one of them is not what its name says.
-        """
-        for name, network in networks.items():
-            if not isinstance(network, ROLES[name]):
-                raise ValueError(f"the {name} must be a {ROLES[name].__name__}, got {type(network).__name__}")
-        return CategoryModel(**networks, card=card)  # type: ignore[arg-type]
-
     def pipeline(
         self,
         num_starts: int = 4,
@@ -107,7 +104,7 @@ class CategoryModel:
         """
         warped: Generator = SimilarityWarp(self.generator)
         parts, weights, initializers, rates = default_parts(
-            self.encoder, self.pose_head, self.card, depth, self._usual_energies() if energies is None else energies
+            self.encoder, self.pose_head, self.card, depth, self._default_energies() if energies is None else energies
         )
         return FitPipeline(
             MetricDepth(warped) if depth else warped,
@@ -121,8 +118,8 @@ class CategoryModel:
             num_candidates=(16 if self.pose_head is None else 4) * num_starts,
         ).to(self.device)
 
-    def _usual_energies(self) -> dict[str, tuple[Energy, float]]:
-        """The usual energies, without those of fields that the generator does not draw."""
+    def _default_energies(self) -> dict[str, tuple[Energy, float]]:
+        """The default energies, without those of fields that the generator does not draw."""
         return {name: given for name, given in default_energies().items() if given[0].on in self.drawn}
 
     @cached_property
@@ -202,7 +199,7 @@ class CategoryModel:
         return on_cpu
 
     def pose_log_probabilities(self, image: Tensor) -> Tensor | None:
-        """Log-probabilities (N, A, E) of poses, by the looks of pictures (N, 3, S, S), where there is a pose head."""
+        """Log-probabilities (N, B) of poses, by the looks of pictures (N, 3, S, S), where there is a pose head."""
         if self.pose_head is None:
             return None
         with torch.no_grad():
@@ -215,7 +212,7 @@ class CategoryModel:
         Args:
             fit: of one problem, on the CPU.
             turn: (3, 3) from OpenCV axes of the fitted crop to those of the photo.
-            pose_log_probabilities: (1, A, E), what `pose_log_probabilities` says of the picture.
+            pose_log_probabilities: (1, B), what `pose_log_probabilities` says of the picture.
         """
         symmetry, head = self.card.known.symmetry, self.pose_head
         found = alternatives(fit, turn, symmetry)
@@ -244,8 +241,7 @@ class CategoryModel:
         pose_log_probabilities = self.pose_log_probabilities(torch.cat([one.observation.image for one in seen]))
         fit = fit.to("cpu")
         return [
-            interpret(
-                self,
+            self._interpreted(
                 fit.of(n),
                 one,
                 extents[n],
@@ -256,3 +252,13 @@ class CategoryModel:
             else None
             for n, one in enumerate(seen)
         ]
+
+    def _interpreted(
+        self, fit: FitResult, seen: ObservedObject, extents: Tensor, drawing: Tensor, log_probabilities: Tensor | None
+    ) -> PoseResult:
+        rotation, translation, diagonal = self.placed(fit.values, seen.crop, seen.intrinsics)
+        # From the crop's virtual camera to the photo's: the same turn for every start, up to their shifts.
+        turn = rotation[0] @ to_opencv(fitted_rotations(fit.values))[0].mT
+        hypotheses = self.hypotheses(fit, turn, log_probabilities)
+        placed = (rotation[0], translation[0], extents * diagonal)
+        return interpret(self.card.category, fit, seen, placed, hypotheses, drawing, self.draw)
