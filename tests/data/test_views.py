@@ -155,7 +155,7 @@ def test_files_of_the_released_code_are_read(tmp_path):
     images[:, 2:6, 2:6] = 90
     with h5py.File(tmp_path / "released.h5", "w") as file:
         file["images"] = images
-        file["poses"] = np.tile([30.0, 180.0], (6, 1))
+        file["poses"] = np.tile([30.0, 40.0], (6, 1))
     views = Views(tmp_path / "released.h5", num_views=3)
     assert (views.num_objects, views.num_views) == (2, 3)
     assert views.depth is None
@@ -163,7 +163,12 @@ def test_files_of_the_released_code_are_read(tmp_path):
     assert views.extents is None
     assert views.masks.sum() == 6 * 16 * 255
     np.testing.assert_allclose(views.elevations, np.pi / 6, rtol=1e-6)
-    np.testing.assert_allclose(views.azimuths, np.pi, rtol=1e-6)
+    # As `released_values` has it: the other sense, a quarter-turn away.
+    np.testing.assert_allclose(views.azimuths, np.deg2rad(-40 - 90 + 360), rtol=1e-6)
+    assert views.azimuths.dtype == np.float32
+    with h5py.File(tmp_path / "released.h5", "a") as file:
+        file.attrs["num_views"] = 3
+    np.testing.assert_allclose(Views(tmp_path / "released.h5").azimuths, np.deg2rad(40), rtol=1e-6)
 
 
 def test_what_is_transparent_in_a_released_file_is_white(tmp_path):
