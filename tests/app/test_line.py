@@ -44,11 +44,8 @@ def test_a_full_line_says_so():
         pass
 
 
-@pytest.mark.slow
-# Gradio leaves event loops and sockets to the garbage collector.
-@pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
-@pytest.mark.skipif(find_spec("gradio") is None, reason="gradio is not installed")
-def test_twelve_visitors_at_once_all_get_an_answer(tmp_path, monkeypatch):
+def twelve_visits(folder, monkeypatch):
+    """What each of twelve visitors is shown who press Fit at once, and how many fits ran."""
     from kfit.app import page as shown
 
     alone, begun, running = Lock(), Event(), []
@@ -64,8 +61,7 @@ def test_twelve_visitors_at_once_all_get_an_answer(tmp_path, monkeypatch):
     monkeypatch.setattr(Session, "fit", fit)
     monkeypatch.setattr(Session, "write", lambda self, result: (self.folder, self.folder))
     monkeypatch.setattr(shown.views, "answered", lambda news, told: f"answer of {news.visitor.folder.name}")
-    sessions = Sessions(tmp_path)
-    (run,) = [fn.fn for fn in shown.page(sessions).fns.values() if getattr(fn.fn, "__name__", "") == "run"]
+    (run,) = [fn.fn for fn in shown.page(Sessions(folder)).fns.values() if getattr(fn.fn, "__name__", "") == "run"]
     seen = {str(k): [] for k in range(12)}
 
     def visit(name):
@@ -79,10 +75,17 @@ def test_twelve_visitors_at_once_all_get_an_answer(tmp_path, monkeypatch):
         thread.start()
     for thread in threads:
         thread.join(60)
-    answers = [[text for text in texts if str(text).startswith("answer of")] for texts in seen.values()]
+    return [[str(text) for text in texts] for texts in seen.values()], len(running)
+
+
+@pytest.mark.slow
+# Gradio leaves event loops and sockets to the garbage collector.
+@pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
+@pytest.mark.skipif(find_spec("gradio") is None, reason="gradio is not installed")
+def test_twelve_visitors_at_once_all_get_an_answer(tmp_path, monkeypatch):
+    shown, num_fits = twelve_visits(tmp_path, monkeypatch)
+    answers = [[text for text in texts if text.startswith("answer of")] for texts in shown]
     assert all(len(texts) == 1 for texts in answers)
-    assert len({texts[0] for texts in answers}) == 12
-    assert any("11 other fits are before yours" in str(text) for texts in seen.values() for text in texts)
-    assert len(running) == 12
-    del run
-    gc.collect()  # here, where what Gradio leaves is no error
+    assert len({texts[0] for texts in answers}) == num_fits == 12
+    assert any("11 other fits are before yours" in text for texts in shown for text in texts)
+    gc.collect()
