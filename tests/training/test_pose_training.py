@@ -56,7 +56,7 @@ def test_the_loss_is_the_mean_divergence_of_sources_and_targets(logged):
 
 
 @pytest.mark.parametrize(("symmetry", "median"), [("none", 25.0), ("y", 5.0)])
-def test_the_likeliest_pose_is_judged_by_itself_and_by_the_axis_where_azimuth_is_free(logged, symmetry, median):
+def test_the_likeliest_pose_is_measured_by_the_axis_where_azimuth_is_free(logged, symmetry, median):
     class Says(PoseHead):
         """Is sure of one bin, whatever it sees."""
 
