@@ -34,7 +34,7 @@ from kfit.features import FeatureNetwork
 from kfit.fitting.objective import Objective
 from kfit.fitting.recorder import Recorder
 from kfit.fitting.starts import initialize
-from kfit.runtime.devices import compile_networks
+from kfit.runtime.devices import compile_networks, safe_after_fork
 from kfit.selectors import LowestEnergy
 
 _log = logging.getLogger(__name__)
@@ -149,6 +149,7 @@ class FitPipeline(nn.Module):
     def _weights_at(self, step: int) -> dict[str, float]:
         return {k: w(step, self.num_steps) if isinstance(w, Schedule) else w for k, w in self.weights.items()}
 
+    @safe_after_fork()
     def forward(self, observation: Observation, *, seed: int | None = None) -> FitResult:
         """Fit B problems.
 

@@ -1,6 +1,5 @@
 """Pure functions on tensors: pose conventions, crops, cameras, boxes, and what is known about categories."""
 
-from kfit.geometry.bins import bin_log_probabilities
 from kfit.geometry.boxes import EDGES, box_corners, project
 from kfit.geometry.camera import (
     UNIT_FRACTION,
@@ -19,6 +18,7 @@ from kfit.geometry.crop import Crop
 from kfit.geometry.pose import (
     Symmetry,
     angles_from_rotation,
+    azimuth_from_released,
     from_opencv,
     rotation_error,
     rotation_from_angles,
@@ -35,7 +35,7 @@ __all__ = [
     "PoseNetwork",
     "Symmetry",
     "angles_from_rotation",
-    "bin_log_probabilities",
+    "azimuth_from_released",
     "box_corners",
     "depth_along",
     "diagonal_at",
