@@ -52,7 +52,7 @@ class TestThreads:
             same_answer(one, other)
 
     @pytest.mark.slow
-    def test_that_load_and_fit_models_of_several_categories_get_the_answers_that_they_get_alone(self):
+    def test_that_load_and_fit_several_models_get_the_answers_that_they_get_alone(self):
         names = ("mug", "laptop", "bottle", "bowl", "can", "camera", "mug", "laptop")
         views = [seen(name, 3) for name in names]
 
