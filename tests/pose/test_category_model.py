@@ -106,7 +106,7 @@ def test_the_result_is_json_with_the_promised_fields(tiny_model: CategoryModel) 
     assert np.isclose(np.linalg.norm(said["size"]), 0.17)
 
 
-def test_more_poses_are_drawn_than_are_started_most_without_a_pose_head_and_steps_grow_careful(
+def test_more_poses_are_drawn_than_started_and_steps_grow_smaller(
     tiny_model: CategoryModel,
 ) -> None:
     pipeline = tiny_model.pipeline(3, 50)
