@@ -91,7 +91,7 @@ def test_a_huge_output_takes_no_memory(tmp_path: Path) -> None:
 
 
 def test_huge_prototypes_are_refused_before_masks_are_made(tmp_path: Path) -> None:
-    found = np.zeros((1, 10, 5), np.float32)
+    found = np.zeros((1, 10, 100), np.float32)
     found[0, :, 0] = [30, 30, 20, 20, 0.9, 0, 0, 1, 1, 1]
     path = write(
         tmp_path / "a.onnx",
