@@ -35,11 +35,19 @@ class Judge:
     Rows are drawn in chunks, so that memory does not grow with their number; no row's answer depends on others. Under
     ``torch.autocast`` the generator draws in its precision, and of the terms those compare in it that say they can.
 
+    Where a rendering has a weight, each energy compares under its product with the observation's weight, so a row's
+    energy is a mean over what both count, as in airlab's masked losses. The *overlap* of a row is
+    o = Σ w_rendering · w_observation / Σ w_observation. A row with o < ``min_overlap``, or of no overlap, cannot win:
+    its ranking energy is infinite (ITK 4 gives the largest number to rows of no valid points; elastix stops below its
+    RequiredRatioOfValidSamples, 0.25). Its descended energy has the residual √(Σ_k |w_k|) · (1 − o / min_overlap) more,
+    with the weights w_k of the energies, which leads it back.
+
     Args:
         generator: frozen.
         terms: energies and priors by name, frozen.
         rank_weights: weights by which rows are ranked.
         observation: B problems.
+        min_overlap: least overlap of a row that may win.
 
     Attributes:
         weights: of the terms in the energy that is descended; the pipeline sets them before each step.
@@ -52,7 +60,9 @@ class Judge:
         terms: Mapping[str, Energy | Prior],
         rank_weights: Mapping[str, float],
         observation: Observation,
+        min_overlap: float,
     ) -> None:
+        self.observation, self.min_overlap = observation, min_overlap
         self.generator, self.terms, self.rank_weights = generator, terms, rank_weights
         self.spaces = {name: variable.space for name, variable in generator.variables.items()}
         self.weights: dict[str, float] = {}
@@ -80,26 +90,31 @@ class Judge:
         self.num_evaluations += len(problem)
         prepared = self._gather(problem)
         chunks = [
-            self._evaluate({name: tensor[rows] for name, tensor in raw.items()}, prepared[number], need)
+            self._evaluate({name: tensor[rows] for name, tensor in raw.items()}, problem[rows], prepared[number], need)
             for number, rows in enumerate(self._chunks(len(problem)))
         ]
         joined: Evaluation = _joined(chunks)
         return joined
 
-    def _evaluate(self, raw: Variables, prepared: Any, need: Need) -> Evaluation:
-        wants, rows = need == "gradient", len(next(iter(raw.values())))
+    def _evaluate(self, raw: Variables, problem: Tensor, prepared: Any, need: Need) -> Evaluation:
+        wants, rows = need == "gradient", len(problem)
         terms: dict[str, Tensor] = {}
         residuals: list[Tensor] = []
         with torch.set_grad_enabled(wants):
             leaves = {name: tensor.detach().requires_grad_(wants) for name, tensor in raw.items()}
             values = {name: self.spaces[name].to_value(leaf) for name, leaf in leaves.items()}
             rendering: Rendering = self.generator(**values).map(_at_least_single)
+            joint = None if rendering.weight is None else self._joint(rendering.weight, problem)
             for name, term in self.terms.items():
                 weight = self.weights[name]
                 if not weight and not self.rank_weights.get(name):
                     continue
                 handed = self._values(term, values) if isinstance(term, Prior) else rendering.handed(term.on)
-                given = (handed,) if prepared[name] is None else (handed, prepared[name])
+                target = prepared[name]
+                if joint is not None and isinstance(term, Energy):
+                    with torch.set_grad_enabled(wants and bool(weight)), self._precision(term):
+                        target = term.prepare(self._rows_of(self.observation.handed(term.on), problem), joint)
+                given = (handed,) if target is None else (handed, target)
                 if need == "residuals" and weight:
                     with self._precision(term):
                         parts = self._residuals(name, given)
@@ -110,19 +125,45 @@ class Judge:
                 with torch.set_grad_enabled(wants and bool(weight)), self._precision(term):
                     terms[name] = term(*given) if isinstance(term, Prior) else term.compare(*given)
             energy = torch.stack([self.weights[name] * term for name, term in terms.items()]).sum(0)
+            ranking = torch.stack([self.rank_weights.get(name, 0.0) * term for name, term in terms.items()]).sum(0)
+            if joint is not None:
+                overlap = self._overlap(joint, problem)
+                missing = self._missing(overlap)
+                residuals += [missing[:, None]] if need == "residuals" else []
+                energy = energy + missing.square()
+                ranking = ranking.where((overlap > 0) & (overlap >= self.min_overlap), torch.inf)
             gradient = self._gradient(energy, leaves) if wants else None
         if need == "residuals":
             residuals = residuals or [energy.new_zeros(rows, 0)]
-        ranked = [self.rank_weights.get(name, 0.0) * term.detach() for name, term in terms.items()]
         return Evaluation(
             energy=energy.detach(),
-            ranking=torch.stack(ranked).sum(0),
+            ranking=ranking.detach(),
             terms={name: term.detach() for name, term in terms.items()},
             values={name: value.detach() for name, value in values.items()},
             gradient=gradient,
             residuals=torch.cat(residuals, 1) if residuals else None,
             rendering=rendering.map(Tensor.detach),
         )
+
+    def _joint(self, weight: Tensor, problem: Tensor) -> Tensor:
+        """What rendering and observation both count, (N, 1, H, W)."""
+        seen = self.observation.weight
+        return weight if seen is None else weight * self._rows_of(seen, problem)
+
+    def _overlap(self, joint: Tensor, problem: Tensor) -> Tensor:
+        """What the rendering counts of what the observation counts, (N,) in [0, 1]."""
+        seen = self.observation.weight
+        if seen is None:
+            return joint.flatten(1).mean(1)
+        total = self._rows_of(seen, problem).to(joint).flatten(1).sum(1)
+        return joint.flatten(1).sum(1) / torch.where(total > 0, total, 1)
+
+    def _missing(self, overlap: Tensor) -> Tensor:
+        """The residual (N,) of what is missing of the least overlap."""
+        if not self.min_overlap:
+            return torch.zeros_like(overlap)
+        scale = sum(abs(self.weights[name]) for name, term in self.terms.items() if isinstance(term, Energy)) ** 0.5
+        return scale * (1 - overlap / self.min_overlap).clamp_min(0)
 
     def _precision(self, term: Energy | Prior) -> AbstractContextManager[Any]:
         """The precision around, for a term that can compare in it; else single."""
@@ -165,7 +206,11 @@ class Judge:
         return self._rows[1]
 
     def _targets(self, problem: Tensor) -> Any:
-        return pytree.tree_map_only(Tensor, lambda tensor: tensor.index_select(0, problem), self.prepared)
+        return self._rows_of(self.prepared, problem)
+
+    @staticmethod
+    def _rows_of(targets: Any, problem: Tensor) -> Any:
+        return pytree.tree_map_only(Tensor, lambda tensor: tensor.index_select(0, problem), targets)
 
 
 def _at_least_single(tensor: Tensor) -> Tensor:

@@ -90,11 +90,14 @@ class Rendering(_Fields):
         image: (N, C, H, W), RGB in [0, 1] on white background.
         mask: (N, 1, H, W) in [0, 1], where the generator can say.
         depth: (N, 1, H, W), distance behind the object's centre in box diagonals, where the generator can say.
+        weight: (N, 1, H, W) in [0, 1], 0 where the generator does not vouch for the pixel, such as outside a warped
+            picture; None vouches for all. A fit multiplies it with the observation's weight, see `kfit.FitPipeline`.
     """
 
     image: Tensor
     mask: Tensor | None = None
     depth: Tensor | None = None
+    weight: Tensor | None = None
 
 
 @dataclass
