@@ -7,20 +7,63 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from kfit.core import (
+        Callback,
+        Encoder,
+        Energy,
+        FitError,
+        FitResult,
+        FitState,
+        Generator,
+        Initializer,
+        Observation,
+        Optimizer,
+        Prior,
+        Rendering,
+        ResidualEnergy,
+        ResidualPrior,
+        Schedule,
+        Selector,
+        Space,
+        Variable,
+    )
     from kfit.models import load
     from kfit.pipeline import FitPipeline
     from kfit.reports.html_page import report
 
 __version__ = version("kfit")
-__all__ = ["FitPipeline", "__version__", "load", "report"]
+__all__ = [
+    "Callback",
+    "Encoder",
+    "Energy",
+    "FitError",
+    "FitPipeline",
+    "FitResult",
+    "FitState",
+    "Generator",
+    "Initializer",
+    "Observation",
+    "Optimizer",
+    "Prior",
+    "Rendering",
+    "ResidualEnergy",
+    "ResidualPrior",
+    "Schedule",
+    "Selector",
+    "Space",
+    "Variable",
+    "__version__",
+    "load",
+    "report",
+]
 
 # Imported when first asked for: `import kfit` costs nothing, and no part is loaded that is not used.
 _HOMES = {"FitPipeline": "kfit.pipeline", "load": "kfit.models", "report": "kfit.reports.html_page"}
 
 
 def __getattr__(name: str) -> Any:
-    if name in _HOMES:
-        return getattr(import_module(_HOMES[name]), name)
+    if name in __all__:
+        return getattr(import_module(_HOMES.get(name, "kfit.core")), name)
     raise AttributeError(f"module 'kfit' has no attribute {name!r}")
 
 

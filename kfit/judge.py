@@ -21,7 +21,9 @@ from kfit.core import (
     ResidualPrior,
     Variables,
 )
+from kfit.core.check_parts import check_rendering, check_term
 from kfit.core.contracts import Need
+from kfit.core.pictures import at_least_single
 
 # Pixels that are drawn at once. On a CPU what a chunk of 16 pictures of 64 × 64 needs stays in the cache and is memory
 # that is used again: 120 at once take 1.7 times as long a picture, and 2 as long again as 16.
@@ -70,16 +72,19 @@ class Judge:
         self.device = observation.image.device.type
         self.prepared: dict[str, Any] = {}
         for name, term in self.terms.items():
+            if isinstance(term, Energy):
+                term.check(observation.handed(term.on), observation.weight)
             with self._precision(term):
                 self.prepared[name] = (
                     term.prepare(observation.handed(term.on), observation.weight)
                     if isinstance(term, Energy)
                     else term.prepare(observation)
                 )
+        self._reached = False
         self._rows: tuple[Tensor, list[Any]] | None = None
-        height, width = observation.image.shape[-2:]
+        size = observation.image[0, 0].numel()
         pixels = CHUNK_PIXELS.get(observation.image.device.type, CHUNK_PIXELS_ELSEWHERE)
-        self.chunk = max(1, pixels // (height * width))
+        self.chunk = max(1, pixels // size)
 
     def __call__(self, raw: Variables, problem: Tensor, need: Need = "value") -> Evaluation:
         """Draw and compare.
@@ -103,7 +108,9 @@ class Judge:
         with torch.set_grad_enabled(wants):
             leaves = {name: tensor.detach().requires_grad_(wants) for name, tensor in raw.items()}
             values = {name: self.spaces[name].to_value(leaf) for name, leaf in leaves.items()}
-            rendering: Rendering = self.generator(**values).map(_at_least_single)
+            drawn = self.generator(**values)
+            check_rendering(self.generator, drawn)
+            rendering: Rendering = drawn.map(at_least_single)
             joint = None if rendering.weight is None else self._joint(rendering.weight, problem)
             for name, term in self.terms.items():
                 weight = self.weights[name]
@@ -118,12 +125,14 @@ class Judge:
                 if need == "residuals" and weight:
                     with self._precision(term):
                         parts = self._residuals(name, given)
+                    check_term(name, term, parts, rows, residuals=True)
                     residuals.append(weight**0.5 * parts)
                     terms[name] = parts.square().sum(1)
                     continue
                 # What only ranks has no slope.
                 with torch.set_grad_enabled(wants and bool(weight)), self._precision(term):
                     terms[name] = term(*given) if isinstance(term, Prior) else term.compare(*given)
+                check_term(name, term, terms[name], rows)
             energy = torch.stack([self.weights[name] * term for name, term in terms.items()]).sum(0)
             ranking = torch.stack([self.rank_weights.get(name, 0.0) * term for name, term in terms.items()]).sum(0)
             if joint is not None:
@@ -148,7 +157,9 @@ class Judge:
     def _joint(self, weight: Tensor, problem: Tensor) -> Tensor:
         """What rendering and observation both count, (N, 1, H, W)."""
         seen = self.observation.weight
-        return weight if seen is None else weight * self._rows_of(seen, problem)
+        joint = weight if seen is None else weight * self._rows_of(seen, problem)
+        # Where it is 0 it has no slope, or roots of weights would have an infinite one.
+        return torch.where(joint > 0, joint, 0)
 
     def _overlap(self, joint: Tensor, problem: Tensor) -> Tensor:
         """What the rendering counts of what the observation counts, (N,) in [0, 1]."""
@@ -184,15 +195,36 @@ class Judge:
             )
         return term.residuals(*given)
 
-    @staticmethod
-    def _gradient(energy: Tensor, leaves: Variables) -> Variables:
-        if not energy.requires_grad:  # no term has a weight at this step
-            return {name: torch.zeros_like(leaf) for name, leaf in leaves.items()}
-        slopes = torch.autograd.grad(energy.sum(), list(leaves.values()), allow_unused=True)
+    def _gradient(self, energy: Tensor, leaves: Variables) -> Variables:
+        slopes: tuple[Tensor | None, ...] = (None,) * len(leaves)
+        if energy.requires_grad:
+            slopes = torch.autograd.grad(energy.sum(), list(leaves.values()), allow_unused=True)
+        if not self._reached and len(energy):
+            self._check_reached([name for name, slope in zip(leaves, slopes, strict=True) if slope is None], leaves)
         return {
             name: torch.zeros_like(leaf) if slope is None else slope
             for (name, leaf), slope in zip(leaves.items(), slopes, strict=True)
         }
+
+    def _check_reached(self, missing: list[str], leaves: Variables) -> None:
+        """Refuse a generator through which no gradient reaches a variable, whatever is compared.
+
+        Raises:
+            ValueError: naming it.
+        """
+        self._reached = True
+        priors = [term.on for term in self.terms.values() if isinstance(term, Prior)]
+        held = {name for on in priors for name in ([on] if isinstance(on, str) else on)}
+        one = {name: leaf[:1].detach().requires_grad_() for name, leaf in leaves.items()}
+        if missing := [name for name in missing if name not in held]:
+            drawn = self.generator(**{name: self.spaces[name].to_value(leaf) for name, leaf in one.items()})
+            parts = [part.sum() for part in vars(drawn).values() if isinstance(part, Tensor) and part.requires_grad]
+            slopes = torch.autograd.grad(parts, [one[n] for n in missing], allow_unused=True) if parts else [None]
+            if missing := [name for name, slope in zip(missing, slopes * len(missing), strict=False) if slope is None]:
+                raise ValueError(
+                    f"no gradient reaches {', '.join(missing)} through {type(self.generator).__name__}: its forward must "
+                    "not detach, round or leave torch; else take an optimizer without gradients, kfit.optimizers.CMAES"
+                )
 
     def _chunks(self, rows: int) -> list[slice]:
         """Even parts of at most `chunk` rows; one part of none, where there are no rows."""
@@ -211,10 +243,6 @@ class Judge:
     @staticmethod
     def _rows_of(targets: Any, problem: Tensor) -> Any:
         return pytree.tree_map_only(Tensor, lambda tensor: tensor.index_select(0, problem), targets)
-
-
-def _at_least_single(tensor: Tensor) -> Tensor:
-    return tensor.to(torch.promote_types(tensor.dtype, torch.float32))
 
 
 def _joined(chunks: list[Any]) -> Any:

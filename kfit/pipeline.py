@@ -28,6 +28,7 @@ from kfit.core import (
     frozen,
 )
 from kfit.core.check import check_count, check_dict, check_names, check_range
+from kfit.core.check_parts import check_memory, check_observation, check_parts, check_state
 from kfit.core.recorder import Recorder
 from kfit.core.rows import beside, best_first, finite
 from kfit.core.seeds import mixed_seed
@@ -94,8 +95,7 @@ class FitPipeline(nn.Module):
             if num_candidates < num_starts:
                 raise ValueError(f"num_candidates must be at least num_starts, {num_starts}, got {num_candidates}")
         check_range("min_overlap", min_overlap, 0, 1)
-        if not energies:
-            raise ValueError("energies must name at least one energy, got none")
+        check_parts(generator, energies, initializers, optimizer, selector, callbacks)
         for name, given, check in (("weights", weights, _check_weight), ("rank_weights", rank_weights, check_range)):
             if given is not None:
                 check_dict(name, given, check)
@@ -121,8 +121,8 @@ class FitPipeline(nn.Module):
         held = [value for initializer in self.initializers for value in vars(initializer).values()]
         self.networks = nn.ModuleList(value for value in held if isinstance(value, nn.Module))
         self.eval()
-        zeros = {name: torch.zeros(1, *v.shape) for name, v in generator.variables.items()}
-        optimizer.init(zeros, torch.zeros(1, dtype=torch.long))
+        zeros = {name: torch.zeros(2, *v.shape) for name, v in generator.variables.items()}
+        check_memory(optimizer, optimizer.init(zeros, torch.zeros(2, dtype=torch.long)), 2)
 
     def _check_initializers(self, generator: Generator) -> None:
         named = [name for initializer in self.initializers for name in initializer.on]
@@ -167,6 +167,7 @@ class FitPipeline(nn.Module):
             ValueError: for an observation without pictures or without a field that an energy compares.
             FitError: if every start of every problem became NaN or infinite.
         """
+        check_observation(observation)
         if seed is not None:
             check_count("seed", seed, 0)
         # A fit inside `trainer.predict` finds inference mode on, under which no gradient can be asked for.
@@ -196,6 +197,7 @@ class FitPipeline(nn.Module):
             judge.weights = self._weights_at(step)
             if step < self.num_steps:
                 new, seen, memory = self.optimizer.step(judge, state.raw, state.problem, state.optimizer)
+                check_memory(self.optimizer, memory, len(state.problem))
             else:  # the last iterate is only looked at
                 new, seen, memory = state.raw, judge(state.raw, state.problem), state.optimizer
             state = self._advance(state, step, new, seen, memory)
@@ -203,6 +205,7 @@ class FitPipeline(nn.Module):
             state = recorder.drop(state)
             for callback in self.callbacks:
                 state = callback.on_step(state)
+                check_state(callback, state)
             if len(state.problem) == 0:
                 break
         result = recorder.result(state, self.selector, judge.num_evaluations)

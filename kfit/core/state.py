@@ -41,7 +41,7 @@ class _Fields:
 
 @dataclass(frozen=True)
 class Observation(_Fields):
-    """B pictures to be explained.
+    """B pictures to be explained, or volumes, which have an axis D before H in all fields.
 
     Attributes:
         image: (B, C, H, W), RGB in [0, 1] on white background.
@@ -64,12 +64,13 @@ class Observation(_Fields):
     keys: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
-        check_shape("image", self.image, ("B", "C", "H", "W"))
+        volume = isinstance(self.image, Tensor) and self.image.dim() == 5
+        check_shape("image", self.image, ("B", "C", *("DHW" if volume else "HW")))
         check_float("image", self.image)
-        rows, _, height, width = self.image.shape
+        rows, _, *size = self.image.shape
         for name in ("mask", "depth", "weight"):
             if getattr(self, name) is not None:
-                check_shape(name, getattr(self, name), (rows, 1, height, width))
+                check_shape(name, getattr(self, name), (rows, 1, *size))
                 if name in ("mask", "depth"):
                     check_float(name, getattr(self, name))
         if self.intrinsics is not None:

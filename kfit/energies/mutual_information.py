@@ -21,7 +21,8 @@ class MutualInformation(Energy):
     determines the other. The kernel blurs the histogram, so that even a picture against itself stays above 0 unless
     its colours lie at the centres of bins. What lies outside [0, 1] counts as 0 or 1.
 
-    Shape: pictures (N, C, H, W) in [0, 1], weight (N, 1, H, W), energy (N,) in [0, 1].
+    Shape: pictures (N, C, H, W) in [0, 1], weight (N, 1, H, W), energy (N,) in [0, 1]; volumes
+    (N, C, D, H, W) too.
     Source: Studholme, Hill and Hawkes, An overlap invariant entropy measure of 3D medical image alignment, 1999, whose
     measure is 2 − E; soft histograms as Mattes et al., 2003, with the kernel of Xu et al., 2008, eq. 22.
 
@@ -31,6 +32,9 @@ class MutualInformation(Energy):
     Raises:
         ValueError: for fewer than 2 bins, and if the pictures' shapes differ.
     """
+
+    volumes = True
+    unit_range = True
 
     def __init__(self, num_bins: int = 32) -> None:
         super().__init__()
