@@ -27,8 +27,8 @@ if TYPE_CHECKING:
         Space,
         Variable,
     )
+    from kfit.fitting.pipeline import FitPipeline
     from kfit.models import load
-    from kfit.pipeline import FitPipeline
     from kfit.reports.html_page import report
 
 __version__ = version("kfit")
@@ -58,7 +58,7 @@ __all__ = [
 ]
 
 # Imported when first asked for: `import kfit` costs nothing, and no part is loaded that is not used.
-_HOMES = {"FitPipeline": "kfit.pipeline", "load": "kfit.models", "report": "kfit.reports.html_page"}
+_HOMES = {"FitPipeline": "kfit.fitting.pipeline", "load": "kfit.models", "report": "kfit.reports.html_page"}
 
 
 def __getattr__(name: str) -> Any:

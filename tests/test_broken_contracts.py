@@ -179,7 +179,9 @@ def test_a_callback_returns_the_state():
         def on_step(self, state: FitState) -> FitState:
             self.seen = state.step
 
-    with pytest.raises(TypeError, match=r"Forgetful.on_step returns must be a .*FitState, got NoneType: .*return state"):
+    with pytest.raises(
+        TypeError, match=r"Forgetful.on_step returns must be a .*FitState, got NoneType: .*return state"
+    ):
         fit(callbacks=[Forgetful()])
 
 

@@ -9,10 +9,10 @@ from kfit import FitPipeline
 from kfit.callbacks import Pruning, Stopping
 from kfit.core import Energy, Observation
 from kfit.energies import L2, SSIM, CodePrior, Perceptual, Pyramid
+from kfit.fitting.schedules import Linear, Step
 from kfit.generators import Template
 from kfit.initializers import Constant, Previous, SphereGrid, Uniform
 from kfit.optimizers import LBFGS, Adam, Stages
-from kfit.schedules import Linear, Step
 
 
 def picture():

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from kfit.core import Energy
 from kfit.energies.pixel import L2
-from kfit.energies.weighting import shares
+from kfit.energies.weighting import normalized_weights
 
 # Of equal pictures the ratio is infinite; this ends it at 100 dB.
 _LEAST_SQUARE = 1e-10
@@ -39,7 +39,7 @@ class PSNR(Energy):
         self.square = L2()
 
     def prepare(self, target: Any, weight: Tensor | None = None) -> Any:
-        counted = shares(weight, target).flatten(1).sum(1) > 0
+        counted = normalized_weights(weight, target).flatten(1).sum(1) > 0
         return {"square": self.square.prepare(target, weight), "counted": counted}
 
     def compare(self, prediction: Any, prepared: Any) -> Tensor:

@@ -10,7 +10,7 @@ from torch import Tensor
 from kfit.core import Energy
 from kfit.core.check import check_count, check_shape
 from kfit.core.pictures import check_pictures
-from kfit.energies.weighting import painted, shares
+from kfit.energies.weighting import fill_background, normalized_weights
 
 
 class SSIM(Energy):
@@ -46,12 +46,12 @@ class SSIM(Energy):
         check_pictures("target", target, volumes=True, least_side=self.window_size // 2 + 1)
 
     def prepare(self, target: Any, weight: Tensor | None = None) -> Any:
-        return super().prepare(painted(target, weight), weight)
+        return super().prepare(fill_background(target, weight), weight)
 
     def compare(self, prediction: Any, prepared: Any) -> Tensor:
         target, weight = prepared["target"], prepared.get("weight")
         check_shape("prediction", prediction, tuple(target.shape))
         measure = ssim if target.dim() == 4 else ssim3d
         # Kornia's eps would leave equal dark pictures at an energy above 0, and nothing here divides by 0
-        similarity: Tensor = measure(painted(prediction, weight), target, self.window_size, eps=0.0)
-        return ((1 - similarity) / 2 * shares(weight, target)).flatten(1).sum(1)
+        similarity: Tensor = measure(fill_background(prediction, weight), target, self.window_size, eps=0.0)
+        return ((1 - similarity) / 2 * normalized_weights(weight, target)).flatten(1).sum(1)
