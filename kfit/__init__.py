@@ -24,7 +24,6 @@ if TYPE_CHECKING:
         ResidualPrior,
         Schedule,
         Selector,
-        Space,
         Variable,
     )
     from kfit.fitting.pipeline import FitPipeline
@@ -50,7 +49,6 @@ __all__ = [
     "ResidualPrior",
     "Schedule",
     "Selector",
-    "Space",
     "Variable",
     "__version__",
     "load",
@@ -58,12 +56,16 @@ __all__ = [
 ]
 
 # Imported when first asked for: `import kfit` costs nothing, and no part is loaded that is not used.
-_HOMES = {"FitPipeline": "kfit.fitting.pipeline", "load": "kfit.models", "report": "kfit.reports.html_page"}
+_HOMES = {name: "kfit.core" for name in __all__ if name[0].isupper()} | {
+    "FitPipeline": "kfit.fitting.pipeline",
+    "load": "kfit.models",
+    "report": "kfit.reports.html_page",
+}
 
 
 def __getattr__(name: str) -> Any:
-    if name in __all__:
-        return getattr(import_module(_HOMES.get(name, "kfit.core")), name)
+    if name in _HOMES:
+        return getattr(import_module(_HOMES[name]), name)
     raise AttributeError(f"module 'kfit' has no attribute {name!r}")
 
 
