@@ -10,16 +10,14 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from contextlib import nullcontext
 from typing import Any, Literal, Protocol, TypeAlias
 
 import torch
 from torch import Tensor, nn
-from torch.utils import _pytree as pytree
 
 from kfit.core.check import check_names, check_shape
 from kfit.core.part import Part
-from kfit.core.pictures import Reduction, at_least_single, check_pictures, check_target, reduced
+from kfit.core.pictures import Reduction, at_least_single, check_pictures, check_target, precision_of, reduced
 from kfit.core.result import FitResult
 from kfit.core.state import Evaluation, FitState, Observation, Rendering
 from kfit.core.variables import Variable, Variables
@@ -137,8 +135,7 @@ class Energy(Part, nn.Module, ABC):
         self.check(target, weight)
         check_pictures("prediction", prediction, self.volumes)
         prediction, target = at_least_single((prediction, target))
-        device = pytree.tree_leaves(target)[0].device.type
-        with nullcontext() if self.mixed else torch.autocast(device, enabled=False):
+        with precision_of(target, self.mixed):
             return reduced(self.compare(prediction, self.prepare(target, weight)), reduction)
 
 

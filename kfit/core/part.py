@@ -18,7 +18,7 @@ class Part:
     A subclass has nothing to do for it.
 
     Attributes:
-        settings: arguments that were given, by name. Networks, tensors and other values that cannot be written down
+        settings: arguments that differ from their defaults, by name. Networks, tensors and other values that cannot be written down
             are represented by an `Unwritable`, so that nothing large is kept.
     """
 
@@ -61,9 +61,11 @@ def _remembering(init: Callable[..., None]) -> Callable[..., None]:
     def remembering(self: Any, *args: Any, **kwargs: Any) -> None:
         if "settings" not in vars(self):  # a base's constructor, called by the subclass's, finds them there
             with suppress(TypeError):  # for wrong arguments, which the constructor refuses itself
-                given = dict(inspect.signature(init).bind(self, *args, **kwargs).arguments)
+                signature = inspect.signature(init)
+                given = {k: _written(v) for k, v in signature.bind(self, *args, **kwargs).arguments.items()}
                 del given[next(iter(given))]
-                vars(self)["settings"] = {name: _written(value) for name, value in given.items()}
+                defaults = {name: _written(parameter.default) for name, parameter in signature.parameters.items()}
+                vars(self)["settings"] = {name: value for name, value in given.items() if value != defaults[name]}
         init(self, *args, **kwargs)
 
     return remembering

@@ -78,6 +78,7 @@ class LocalNCC(Energy):
 
     def _summed(self, image: Tensor) -> Tensor:
         """Sum over the window about each pixel; nothing lies outside the picture."""
-        pool = F.avg_pool2d if image.dim() == 4 else F.avg_pool3d
-        summed: Tensor = pool(image, self.window_size, 1, self.window_size // 2, divisor_override=1)
+        edge, axes = self.window_size // 2, image.dim() - 2
+        pool = F.avg_pool2d if axes == 2 else F.avg_pool3d
+        summed: Tensor = pool(F.pad(image, (edge, edge) * axes), self.window_size, 1, divisor_override=1)
         return summed

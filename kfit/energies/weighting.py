@@ -38,10 +38,7 @@ def normalized_weights(weight: Tensor | None, like: Tensor) -> Tensor:
 
 
 def root_weights(weight: Tensor | None, like: Tensor) -> Tensor:
-    """Square roots of `normalized_weights`; where a share is 0 the slope is 0 too, as for weights that a generator draws.
-
-    A residual is a difference times this root.
-    """
+    """Square roots of `normalized_weights`, by which differences become residuals; at 0 their slope is 0 too."""
     share = normalized_weights(weight, like)
     counted = share > 0
     return torch.where(counted, torch.where(counted, share, 1).sqrt(), 0)

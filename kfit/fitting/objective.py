@@ -21,9 +21,10 @@ from kfit.core import (
     ResidualPrior,
     Variables,
 )
-from kfit.core.check_parts import check_rendering, check_term
 from kfit.core.contracts import Need
 from kfit.core.pictures import at_least_single
+from kfit.fitting.check_parts import check_reached, check_rendering, check_term
+from kfit.fitting.overlap import joint_weight, overlap_of, shortfall, too_little
 
 # Pixels that are drawn at once. On a CPU what a chunk of 16 pictures of 64 × 64 needs stays in the cache and is memory
 # that is used again: 120 at once take 1.7 times as long a picture, and 2 as long again as 16.
@@ -111,7 +112,8 @@ class Objective:
             drawn = self.generator(**values)
             check_rendering(self.generator, drawn)
             rendering: Rendering = drawn.map(at_least_single)
-            joint = None if rendering.weight is None else self._joint(rendering.weight, problem)
+            observed = self._rows_of(self.observation.weight, problem)
+            joint = None if rendering.weight is None else joint_weight(rendering.weight, observed)
             for name, term in self.terms.items():
                 weight = self.weights[name]
                 if not weight and not self.rank_weights.get(name):
@@ -136,11 +138,12 @@ class Objective:
             energy = torch.stack([self.weights[name] * term for name, term in terms.items()]).sum(0)
             ranking = torch.stack([self.rank_weights.get(name, 0.0) * term for name, term in terms.items()]).sum(0)
             if joint is not None:
-                overlap = self._overlap(joint, problem)
-                missing = self._missing(overlap)
+                overlap = overlap_of(joint, observed)
+                compared = [abs(self.weights[name]) for name, term in self.terms.items() if isinstance(term, Energy)]
+                missing = sum(compared) ** 0.5 * shortfall(overlap, self.min_overlap)
                 residuals += [missing[:, None]] if need == "residuals" else []
                 energy = energy + missing.square()
-                ranking = ranking.where((overlap > 0) & (overlap >= self.min_overlap), torch.inf)
+                ranking = ranking.masked_fill(too_little(overlap, self.min_overlap), torch.inf)
             gradient = self._gradient(energy, leaves) if wants else None
         if need == "residuals":
             residuals = residuals or [energy.new_zeros(rows, 0)]
@@ -153,28 +156,6 @@ class Objective:
             residuals=torch.cat(residuals, 1) if residuals else None,
             rendering=rendering.map(Tensor.detach),
         )
-
-    def _joint(self, weight: Tensor, problem: Tensor) -> Tensor:
-        """What rendering and observation both count, (N, 1, H, W)."""
-        seen = self.observation.weight
-        joint = weight if seen is None else weight * self._rows_of(seen, problem)
-        # Where it is 0 it has no slope, or roots of weights would have an infinite one.
-        return torch.where(joint > 0, joint, 0)
-
-    def _overlap(self, joint: Tensor, problem: Tensor) -> Tensor:
-        """What the rendering counts of what the observation counts, (N,) in [0, 1]."""
-        seen = self.observation.weight
-        if seen is None:
-            return joint.flatten(1).mean(1)
-        total = self._rows_of(seen, problem).to(joint).flatten(1).sum(1)
-        return joint.flatten(1).sum(1) / torch.where(total > 0, total, 1)
-
-    def _missing(self, overlap: Tensor) -> Tensor:
-        """The residual (N,) of what is missing of the least overlap."""
-        if not self.min_overlap:
-            return torch.zeros_like(overlap)
-        scale = sum(abs(self.weights[name]) for name, term in self.terms.items() if isinstance(term, Energy)) ** 0.5
-        return scale * (1 - overlap / self.min_overlap).clamp_min(0)
 
     def _precision(self, term: Energy | Prior) -> AbstractContextManager[Any]:
         """The precision around, for a term that can compare in it; else single."""
@@ -200,31 +181,13 @@ class Objective:
         if energy.requires_grad:
             slopes = torch.autograd.grad(energy.sum(), list(leaves.values()), allow_unused=True)
         if not self._reached and len(energy):
-            self._check_reached([name for name, slope in zip(leaves, slopes, strict=True) if slope is None], leaves)
+            missing = [name for name, slope in zip(leaves, slopes, strict=True) if slope is None]
+            check_reached(self.generator, self.terms, leaves, missing)
+            self._reached = True
         return {
             name: torch.zeros_like(leaf) if slope is None else slope
             for (name, leaf), slope in zip(leaves.items(), slopes, strict=True)
         }
-
-    def _check_reached(self, missing: list[str], leaves: Variables) -> None:
-        """Refuse a generator through which no gradient reaches a variable, whatever is compared.
-
-        Raises:
-            ValueError: naming it.
-        """
-        self._reached = True
-        priors = [term.on for term in self.terms.values() if isinstance(term, Prior)]
-        held = {name for on in priors for name in ([on] if isinstance(on, str) else on)}
-        one = {name: leaf[:1].detach().requires_grad_() for name, leaf in leaves.items()}
-        if missing := [name for name in missing if name not in held]:
-            drawn = self.generator(**{name: self.spaces[name].to_value(leaf) for name, leaf in one.items()})
-            parts = [part.sum() for part in vars(drawn).values() if isinstance(part, Tensor) and part.requires_grad]
-            slopes = torch.autograd.grad(parts, [one[n] for n in missing], allow_unused=True) if parts else [None]
-            if missing := [name for name, slope in zip(missing, slopes * len(missing), strict=False) if slope is None]:
-                raise ValueError(
-                    f"no gradient reaches {', '.join(missing)} through {type(self.generator).__name__}: its forward must "
-                    "not detach, round or leave torch; else take an optimizer without gradients, kfit.optimizers.CMAES"
-                )
 
     def _chunks(self, rows: int) -> list[slice]:
         """Even parts of at most `chunk` rows; one part of none, where there are no rows."""

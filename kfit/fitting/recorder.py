@@ -6,10 +6,10 @@ import torch
 from torch import Tensor
 
 from kfit.core.check import FitError
-from kfit.core.check_parts import check_winner
 from kfit.core.contracts import Selector
 from kfit.core.result import FitResult, History
 from kfit.core.state import FitState
+from kfit.fitting.check_parts import check_winner
 
 
 class Recorder:

@@ -319,7 +319,7 @@ class TestAnEnergy:
             energy(x[0], y)
         with pytest.raises(ValueError, match="target must hold at least one picture"):
             energy(x[:0], y[:0])
-        with pytest.raises(TypeError, match=r"target must be a floating-point .* uint8: target.float\(\) / 255"):
+        with pytest.raises(TypeError, match=r"target must be a floating-point .*uint8: target.float\(\) / 255"):
             energy(x, (255 * y).byte())
         with pytest.raises(TypeError, match="prediction must be a floating-point"):
             energy((255 * x).byte(), y)

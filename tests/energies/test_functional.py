@@ -65,7 +65,7 @@ class TestMeanEnergy:
         assert set(collection.compute()) == {"ssim", "l1"}
 
     def test_refuses_what_is_no_energy(self):
-        with pytest.raises(TypeError, match="energy must be a kfit.core.Energy, got Linear"):
+        with pytest.raises(TypeError, match=r"energy must be a kfit.core.Energy, got Linear"):
             MeanEnergy(torch.nn.Linear(1, 1))
 
 

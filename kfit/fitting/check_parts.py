@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import torch
 from torch import Tensor
 from torch.utils import _pytree as pytree
 
-from kfit.core.contracts import Callback, Energy, Generator, Initializer, Optimizer, Prior, Selector
+from kfit.core.check import check_dict, check_names, check_range
+from kfit.core.contracts import Callback, Energy, Generator, Initializer, Optimizer, Prior, Schedule, Selector
 from kfit.core.state import FitState, Observation, Rendering
+from kfit.core.variables import Variables
 
 
 def check_parts(
     generator: Any, energies: Any, initializers: Any, optimizer: Any, selector: Any, callbacks: Any
 ) -> None:
-    """Refuse parts of the wrong kind, and a generator without variables.
+    """Refuse parts of the wrong kind, a generator without variables, and names that do not go together.
 
     Raises:
         TypeError, ValueError: naming the part, what was expected and what to do.
@@ -45,6 +47,36 @@ def check_parts(
     if selector is not None:
         check_kind("selector", selector, Selector)
     _check_list("callbacks", callbacks, Callback)
+    _check_names(generator, energies, initializers)
+
+
+def _check_names(generator: Generator, energies: Mapping[str, Any], initializers: Iterable[Initializer]) -> None:
+    """Refuse priors on unknown variables, and variables that no or two initializers set."""
+    for name, term in energies.items():
+        if isinstance(term, Prior):
+            check_names(f"energies.{name}.on", [term.on] if isinstance(term.on, str) else term.on, generator.variables)
+    named = [name for initializer in initializers for name in initializer.on]
+    check_names("initializers", named, generator.variables, complete=True)
+    twice = sorted({name for name in named if named.count(name) > 1})
+    if twice:
+        raise ValueError(f"initializers: {', '.join(twice)} set by two initializers; each variable needs one")
+
+
+def check_weights(energies: Mapping[str, Any], weights: Any, rank_weights: Any) -> None:
+    """Refuse weights that are no dict of numbers, or of schedules where these may stand, and unknown names.
+
+    Raises:
+        TypeError, ValueError: naming the weight.
+    """
+    for name, given, check in (("weights", weights, _check_weight), ("rank_weights", rank_weights, check_range)):
+        if given is not None:
+            check_dict(name, given, check)
+            check_names(name, given, energies)
+
+
+def _check_weight(name: str, weight: Any) -> None:
+    if not isinstance(weight, Schedule):
+        check_range(name, weight)
 
 
 def check_kind(name: str, value: Any, *kinds: type, remedy: str = "") -> None:
@@ -80,6 +112,35 @@ def check_rendering(generator: Generator, rendering: Any) -> None:
     """
     remedy = "return kfit.core.Rendering(image)" if isinstance(rendering, Tensor) else ""
     check_kind(f"what {type(generator).__name__}.forward returns", rendering, Rendering, remedy=remedy)
+
+
+def check_reached(
+    generator: Generator, terms: Mapping[str, Energy | Prior], raw: Variables, missing: Sequence[str]
+) -> None:
+    """Refuse a generator through which no gradient reaches a variable, whatever is compared.
+
+    Args:
+        generator: draws.
+        terms: of the fit; what a prior is on may be left out of the drawing.
+        raw: (N, \\*shape) each, N at least 1; one row is drawn.
+        missing: variables on which the energies do not depend.
+
+    Raises:
+        ValueError: naming them.
+    """
+    priors = [[term.on] if isinstance(term.on, str) else term.on for term in terms.values() if isinstance(term, Prior)]
+    missing = [name for name in missing if not any(name in on for on in priors)]
+    if not missing:
+        return
+    one = {name: tensor[:1].detach().requires_grad_() for name, tensor in raw.items()}
+    drawn = generator(**{name: generator.variables[name].space.to_value(tensor) for name, tensor in one.items()})
+    parts = [part.sum() for part in vars(drawn).values() if isinstance(part, Tensor) and part.requires_grad]
+    slopes = torch.autograd.grad(parts, [one[name] for name in missing], allow_unused=True) if parts else ()
+    if lost := [name for number, name in enumerate(missing) if not parts or slopes[number] is None]:
+        raise ValueError(
+            f"no gradient reaches {', '.join(lost)} through {type(generator).__name__}: its forward must not detach, "
+            "round or leave torch; else take an optimizer without gradients, kfit.optimizers.CMAES"
+        )
 
 
 def check_term(name: str, term: Any, found: Any, rows: int, residuals: bool = False) -> None:
