@@ -23,7 +23,7 @@ from kfit.core import (
 )
 from kfit.core.contracts import Need
 from kfit.core.pictures import at_least_single
-from kfit.fitting.check_parts import check_reached, check_rendering, check_term
+from kfit.fitting.check_parts import check_reached, check_rendering, check_sizes, check_term
 from kfit.fitting.overlap import joint_weight, overlap_of, shortfall, too_little
 
 # Pixels that are drawn at once. On a CPU what a chunk of 16 pictures of 64 × 64 needs stays in the cache and is memory
@@ -120,6 +120,8 @@ class Objective:
                     continue
                 selected = self._values(term, values) if isinstance(term, Prior) else rendering.select(term.on)
                 target = prepared[name]
+                if isinstance(term, Energy):
+                    check_sizes(name, term, rendering, self.observation)
                 if joint is not None and isinstance(term, Energy):
                     with torch.set_grad_enabled(wants and bool(weight)), self._precision(term):
                         target = term.prepare(self._rows_of(self.observation.select(term.on), problem), joint)
