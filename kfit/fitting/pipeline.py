@@ -36,7 +36,7 @@ from kfit.fitting.objective import Objective
 from kfit.fitting.recipe import recipe_text
 from kfit.fitting.recorder import Recorder
 from kfit.fitting.starts import initialize
-from kfit.runtime.devices import compile_networks
+from kfit.runtime.devices import compile_networks, safe_after_fork
 from kfit.selectors import LowestEnergy
 
 _log = logging.getLogger(__name__)
@@ -63,10 +63,9 @@ class FitPipeline(nn.Module):
         num_candidates: C ≥ S, starts a problem that initializers propose; each is drawn once, without a gradient, and
             the S of the least ranking energy are started. All are unless given.
         num_steps: steps of the optimizer; the last iterate is evaluated too.
-        min_overlap: where the generator's renderings have a weight, such as `kfit.generators.Template`'s, the least
-            share of the observation's weight that a row must cover to win. Below it the row's ranking energy is
-            infinite and a penalty leads it back; each energy is a mean over the pixels that both count. Lower it
-            where a template is smaller than a quarter of the picture.
+        min_overlap: where renderings have a weight, as `kfit.generators.Template`'s do, energies are means over what
+            both sides count, and this is the least share of the observation's weight that a row must cover to win:
+            below it its ranking energy is infinite, and a penalty leads it back.
 
     Raises:
         ValueError: for weights or rates of unknown names, variables that no or two initializers set, priors on unknown
@@ -152,6 +151,7 @@ class FitPipeline(nn.Module):
     def _weights_at(self, step: int) -> dict[str, float]:
         return {k: w(step, self.num_steps) if isinstance(w, Schedule) else w for k, w in self.weights.items()}
 
+    @safe_after_fork()
     def forward(self, observation: Observation, *, seed: int | None = None) -> FitResult:
         """Fit B problems.
 

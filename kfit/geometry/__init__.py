@@ -11,6 +11,7 @@ from kfit.geometry.camera import (
     pose_from_crop,
     viewing_ray,
     viewing_ray_rotation,
+    was_cropped,
 )
 from kfit.geometry.categories import CATEGORIES, Category
 from kfit.geometry.clusters import energy_weights, rotation_clusters, rotation_spread_deg
@@ -18,6 +19,7 @@ from kfit.geometry.crop import Crop
 from kfit.geometry.pose import (
     Symmetry,
     angles_from_rotation,
+    azimuth_from_released,
     from_opencv,
     rotation_error,
     rotation_from_angles,
@@ -34,6 +36,7 @@ __all__ = [
     "PoseNetwork",
     "Symmetry",
     "angles_from_rotation",
+    "azimuth_from_released",
     "box_corners",
     "depth_along",
     "diagonal_at",
@@ -51,4 +54,5 @@ __all__ = [
     "to_opencv",
     "viewing_ray",
     "viewing_ray_rotation",
+    "was_cropped",
 ]
