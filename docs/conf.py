@@ -61,7 +61,7 @@ autosummary_ignore_module_all = False
 # Names of other projects, whose pages are not at hand where there is no network, and of kfit's own inner types.
 nitpick_ignore_regex = [
     ("py:.*", r"(torch|numpy|np|lightning|jsonargparse|pathlib|collections|contextlib)\..*"),
-    ("py:class", r"kfit\.core\.frozen\.Module"),
+    ("py:class", r"kfit\.(core\.frozen\.Module|geometry\.pose\.Angles)"),
     ("py:class", r"kfit\.pose\.(hypotheses\.PoseHypotheses|confidence\.Calibration|observed_object\.ObservedObject)"),
     ("py:class", r"kfit\.(data\.nocs_models\.NOCSModel|training\.training\.Training)"),
 ]

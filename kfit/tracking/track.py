@@ -31,13 +31,8 @@ def track(
 
     Args:
         model: with a pose head.
-<<<<<<< HEAD
         frames: as `kfit.pose.CategoryModel.pose` takes photos, all of one size and camera.
-        masks: (H, W) of every frame, above 0 on the object.
-=======
-        frames: as `CategoryModel.pose` takes photos, all of one size and camera.
         masks: (H, W) of every frame, above one half on the object.
->>>>>>> main
         seed: decides the random numbers.
         first: what else `kfit.pose.CategoryModel.pose` is to know of the first frame: ``mask``, ``box``,
             ``intrinsics``, ``segmenter``; ``intrinsics`` hold for all.
