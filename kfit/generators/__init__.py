@@ -8,7 +8,7 @@ from kfit.generators.metric_depth import MetricDepth
 from kfit.generators.onnx_generator import OnnxGenerator
 from kfit.generators.pose_head import PoseHead
 from kfit.generators.radiance_field import RadianceField
-from kfit.generators.similarity_warp import SimilarityWarp
+from kfit.generators.similarity_warp import SimilarityWarp, fixed_camera
 from kfit.generators.template import Template
 from kfit.generators.vae2d import VAE2D
 from kfit.generators.vae3d import VAE3D
@@ -26,4 +26,5 @@ __all__ = [
     "RadianceField",
     "SimilarityWarp",
     "Template",
+    "fixed_camera",
 ]

@@ -108,12 +108,14 @@ class CategoryModel:
             depth: the observation has depth and intrinsics, which fix the distance; the generator must draw depth.
             energies: of drawing and photo, by name and with their weights, instead of the first three.
         """
-        warped: Generator = SimilarityWarp(self.generator)
+        drawn: Generator = SimilarityWarp(self.generator)
+        if depth:
+            drawn = MetricDepth(drawn, self.card.unit_fraction)
         parts, weights, initializers, rates = usual_parts(
-            self.encoder, self.pose_head, self.card, depth, usual_energies() if energies is None else energies
+            drawn, self.encoder, self.pose_head, self.card, depth, usual_energies() if energies is None else energies
         )
         return FitPipeline(
-            MetricDepth(warped) if depth else warped,
+            drawn,
             parts,
             initializers,
             Adam(rates, BETAS, CAREFUL ** (1 / max(1, num_steps))),
@@ -184,7 +186,8 @@ class CategoryModel:
         """What N values of a fit look like, on the CPU and without a gradient."""
         warped = SimilarityWarp(self.generator)
         with torch.no_grad():
-            drawn = warped(**{name: values[name].to(self.device) for name in warped.variables})
+            there = [name for name in warped.variables if name in values]
+            drawn = warped(**{name: values[name].to(self.device) for name in there})
             on_cpu: Rendering = drawn.map(lambda tensor: tensor.cpu())
         return on_cpu
 

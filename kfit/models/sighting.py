@@ -79,12 +79,10 @@ class Sighting:
         camera, came_from = choose_camera(pixels, intrinsics, known, notes)
         crop = Crop.around(found, size)
         notes += [note for note in (cut_off(found), too_small(crop)) if note is not None]
-        if depth is None:
-            observation = crop.cut(pixels, found)
-        else:
-            observation = observed(crop, pixels, found, choose_depth(depth, found), camera.double())
-            if not bool(observation.field("depth").isfinite().any()):
-                raise ValueError(f"depth is known at too few pixels of the object: none is left in its {size} x {size}")
+        away = None if depth is None else choose_depth(depth, found)
+        observation = observed(crop, pixels, found, away, camera.double())
+        if away is not None and not bool(observation.field("depth").isfinite().any()):
+            raise ValueError(f"depth is known at too few pixels of the object: none is left in its {size} x {size}")
         notes += [PLAIN] * _is_plain(observation) + [WHOLE] * bool((found > 0.5).all())
         return Sighting(observation, pixels, found, crop, camera, came_from, tuple(notes))
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from kfit.core import Encoder, Energy, Initializer, PoseNetwork, Prior, Schedule
-from kfit.energies import SSIM, CodePrior, Depth, Perceptual, PosePrior, Silhouette
+from kfit.core import Encoder, Energy, Generator, Initializer, PoseNetwork, Prior, Schedule
+from kfit.energies import SSIM, CodePrior, Depth, GemanMcClure, Perceptual, PosePrior, Silhouette
 from kfit.features import EfficientNetLite0
-from kfit.initializers import Constant, EncoderPosterior, FromDepth, PosePosterior, SphereGrid
+from kfit.initializers import Constant, EncoderPosterior, FromCamera, FromDepth, PosePosterior, SphereGrid
 from kfit.models.card import Card
 
 # Raw units a step, as the released code fits (neural_object_fitting@7309348): half-turns for angles.
@@ -15,9 +15,10 @@ RATES = {"code": 0.3, "azimuth": 0.03, "elevation": 0.01, "roll": 0.01, "shift":
 # What is left of them after the last step.
 CAREFUL = 0.08
 BETAS = (0.7, 0.95)
-# Where depth is seen: distance in logarithms, the focal length known.
-DEPTH_RATES = {"distance": 0.01, "focal": 0.0}
-DEPTH_WEIGHT = 4.0  # of a box diagonal
+# Of the logarithm of the distance, where there is depth.
+DISTANCE_RATE = 0.01
+# Of depth, and the difference from which on pixels lose weight, in box diagonals of the category's mean.
+DEPTH_WEIGHT, DEPTH_SCALE = 0.5, 0.05
 
 
 def usual_energies() -> dict[str, tuple[Energy, float]]:
@@ -30,6 +31,7 @@ def usual_energies() -> dict[str, tuple[Energy, float]]:
 
 
 def usual_parts(
+    generator: Generator,
     encoder: Encoder,
     pose_head: PoseNetwork | None,
     card: Card,
@@ -47,10 +49,13 @@ def usual_parts(
     weights: dict[str, float | Schedule] = {name: weight for name, (_, weight) in energies.items()}
     weights["prior"] = 0.02
     rates = dict(RATES)
+    if "focal" in generator.variables:
+        initializers.append(FromCamera())
+        rates["focal"] = 0.0
     if pose_head is not None:
         parts["pose"], weights["pose"] = PosePrior(pose_head), card.pose_weight
     if depth:
-        parts["depth"], weights["depth"] = Depth(), DEPTH_WEIGHT / card.mean_diagonal
-        initializers.append(FromDepth(card.unit_fraction))
-        rates |= DEPTH_RATES
+        parts["depth"], weights["depth"] = Depth(GemanMcClure(DEPTH_SCALE * card.mean_diagonal)), DEPTH_WEIGHT
+        initializers = [FromDepth(generator, initializers)]
+        rates["distance"] = DISTANCE_RATE
     return parts, weights, initializers, rates

@@ -9,6 +9,7 @@ from kfit.callbacks import Pruning
 from kfit.core import Encoder, Energy, Generator, Observation, Prior, Schedule
 from kfit.energies import SSIM, CodePrior, Silhouette
 from kfit.geometry.pose import rotation_of
+from kfit.generators import fixed_camera
 from kfit.initializers import EncoderPosterior, SphereGrid
 from kfit.optimizers import Adam
 from kfit.pipeline import FitPipeline
@@ -41,7 +42,7 @@ def fitted_rotations(generator: Generator, encoder: Encoder, seen: Observation) 
         if seen.mask is not None:
             energies["silhouette"], weights["silhouette"] = Silhouette(), 5.0
         pipeline = FitPipeline(
-            generator,
+            fixed_camera(generator),
             energies,
             [SphereGrid(), EncoderPosterior(encoder)],
             Adam(RATES, (0.7, 0.95), 0.08 ** (1 / STEPS)),
