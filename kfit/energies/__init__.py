@@ -3,6 +3,7 @@
 from kfit.energies.code_prior import CodePrior
 from kfit.energies.depth import Depth
 from kfit.energies.gradient import Gradient
+from kfit.energies.lens_prior import LensPrior
 from kfit.energies.local_ncc import LocalNCC
 from kfit.energies.lpips import LPIPS
 from kfit.energies.ms_ssim import MSSSIM
@@ -30,6 +31,7 @@ __all__ = [
     "GemanMcClure",
     "Gradient",
     "Huber",
+    "LensPrior",
     "LocalNCC",
     "MutualInformation",
     "Perceptual",

@@ -23,7 +23,7 @@ class MetricDepth(Generator):
 
     Args:
         generator: draws depth, and has a ``scale``, as `kfit.generators.SimilarityWarp`.
-        unit_fraction: share of the picture's width that the silhouette of the object's bounding sphere spans at scale 1.
+        unit_fraction: share of the picture's width that the bounding sphere's silhouette spans at scale 1.
 
     Raises:
         ValueError: if the generator has no ``scale`` or has a ``distance`` already, and for a fraction outside

@@ -14,6 +14,7 @@ from kfit.geometry.camera import (
     pose_from_crop,
     viewing_ray,
     viewing_ray_rotation,
+    with_focal,
 )
 from kfit.geometry.categories import CATEGORIES, Category
 from kfit.geometry.clusters import energy_weights, rotation_clusters, rotation_spread_deg
@@ -55,4 +56,5 @@ __all__ = [
     "to_opencv",
     "viewing_ray",
     "viewing_ray_rotation",
+    "with_focal",
 ]

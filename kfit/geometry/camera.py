@@ -67,6 +67,14 @@ def intrinsics_from_exif(tags: Mapping[int, Any], width: int, height: int) -> Te
     return _intrinsics(focal * resolution / unit * max(width, height) / taken, width, height)
 
 
+def with_focal(intrinsics: Tensor, focal: Tensor) -> Tensor:
+    """The same cameras (…, 3, 3) with other focal lengths (…) in pixels, means of both axes."""
+    ratio = focal / ((intrinsics[..., 0, 0] + intrinsics[..., 1, 1]) / 2)
+    changed = intrinsics.expand(*ratio.shape, 3, 3).clone()
+    changed[..., :2, :2] *= ratio[..., None, None]
+    return changed
+
+
 def viewing_ray(pixel: Tensor, intrinsics: Tensor) -> Tensor:
     """Unit direction (…, 3) in OpenCV axes of the ray through a pixel (…, 2); intrinsics (…, 3, 3)."""
     homogeneous = torch.cat((pixel, torch.ones_like(pixel[..., :1])), -1)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 from torch import Tensor
 
 from kfit.core import FitResult
-from kfit.geometry import to_opencv
+from kfit.energies.lens_prior import DISTANCE_SPREAD, FOCAL_SPREAD
+from kfit.geometry import to_opencv, with_focal
 from kfit.models.alternatives import fitted_rotations
 from kfit.models.calibration import DOUBTFUL
 from kfit.models.pose_result import PoseResult
@@ -16,6 +18,14 @@ from kfit.models.sighting import PLAIN, WHOLE, Sighting
 
 if TYPE_CHECKING:
     from kfit.models.category_model import CategoryModel
+
+# By where the intrinsics come from. EXIF tags are rounded to a millimetre, and lenses miss their names by some percent;
+# what is left of both parts of `kfit.energies.LensPrior`, as little of an object's picture tells its lens.
+FOCAL_LOG_SD = {
+    "given": 0.0,
+    "EXIF": 0.03,
+    "estimated": (FOCAL_SPREAD**-2 + DISTANCE_SPREAD**-2) ** -0.5,
+}
 
 
 def answer_of(
@@ -32,6 +42,11 @@ def answer_of(
         looks: (1, A, E), what the pose head says of the picture, if there is one.
     """
     rotation, translation, diagonal = model.placed(fit.values, seen.crop, seen.intrinsics)
+    camera, notes = seen.intrinsics.double(), list(seen.notes)
+    if not seen.lens_known:
+        if "focal" in fit.values:
+            camera = with_focal(camera, fit.values["focal"][0].double() * seen.crop.side)
+        notes.insert(0, _lens_note(camera, max(seen.image.shape[:2])))
     # From the crop's virtual camera to the photo's: the same turn for every start, up to their shifts.
     turn = rotation[0] @ to_opencv(fitted_rotations(fit.values))[0].mT
     verdict = model.judged(fit, turn, looks)
@@ -48,9 +63,10 @@ def answer_of(
         confidence=min(verdict.confidence, 1.0 if {PLAIN, WHOLE}.isdisjoint(seen.notes) else DOUBTFUL),
         ambiguous=verdict.ambiguity is not None,
         alternatives=verdict.alternatives,
-        intrinsics=seen.intrinsics.double().numpy(),
+        intrinsics=camera.numpy(),
         intrinsics_from=seen.intrinsics_from,
-        notes=[*seen.notes, *(note for note in (verdict.doubt, verdict.ambiguity) if note is not None)],
+        focal_log_sd=FOCAL_LOG_SD[seen.intrinsics_from],
+        notes=[*notes, *(note for note in (verdict.doubt, verdict.ambiguity) if note is not None)],
         image=seen.image,
         mask=seen.mask,
         crop=seen.crop,
@@ -58,4 +74,13 @@ def answer_of(
         drawing=drawing.numpy(),
         fit=fit,
         draw=model.draw,
+    )
+
+
+def _lens_note(camera: Tensor, longer: int) -> str:
+    """A sentence on a focal length that nobody knows."""
+    focal, off = float(camera[0, 0]), math.exp(FOCAL_LOG_SD["estimated"])
+    return (
+        f"focal length estimated: {focal / longer:.2f} times the photo's longer side, to a factor of {off:.1f}; distance "
+        "depends on it"
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,9 @@ from kfit.segmentation import GrabCut, Segmenter
 # Focal lengths over the photo's longer side: half of that sees 157° or more along it, more than any lens that draws
 # straight lines as straight (the widest see some 130°), the other is the length of a telescope (0.06°).
 LEAST_FOCAL, MOST_FOCAL = 0.1, 1000.0
+# Along the longer side, of a camera of which nothing is known: its focal length is 1.2 times that side; see
+# `kfit.energies.LensPrior`.
+UNKNOWN_FOV_DEG = math.degrees(2 * math.atan(0.5 / 1.2))
 
 
 def as_numbers(name: str, value: Any) -> NDArray[Any]:
@@ -107,7 +111,7 @@ def choose_depth(depth: NDArray[Any], mask: NDArray[np.float32]) -> Tensor:
 def choose_camera(
     pixels: NDArray[np.float32], intrinsics: NDArray[Any] | Tensor | None, known: Tensor | None, notes: list[str]
 ) -> tuple[Tensor, str]:
-    """Intrinsics (3, 3) and where they come from: "given", "EXIF" (``known``) or "assumed".
+    """Intrinsics (3, 3) and where they come from: "given", "EXIF" (``known``) or "estimated".
 
     Raises:
         ValueError: if those given are no camera, or one that sees absurdly much or little of this photo.
@@ -133,5 +137,4 @@ def choose_camera(
         return given, "given"
     if known is not None:
         return known, "EXIF"
-    notes.append("intrinsics assumed: a camera that sees 60° along the photo's longer side; distance depends on it")
-    return intrinsics_from_fov(width, height, 60.0), "assumed"
+    return intrinsics_from_fov(width, height, UNKNOWN_FOV_DEG), "estimated"

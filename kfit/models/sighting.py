@@ -31,8 +31,8 @@ class Sighting:
         image: (H, W, 3) RGB in [0, 1], the whole photo.
         mask: (H, W) that was used.
         crop: the square that the observation shows.
-        intrinsics: (3, 3) of the photo.
-        intrinsics_from: "given", "EXIF" or "assumed".
+        intrinsics: (3, 3) of the photo; where they are unknown, with the focal length that is likeliest of lenses.
+        intrinsics_from: "given", "EXIF" or "estimated", which is left to the fit.
         notes: sentences on what was assumed, and where the object is cut off or small.
     """
 
@@ -43,6 +43,11 @@ class Sighting:
     intrinsics: Tensor
     intrinsics_from: str
     notes: tuple[str, ...]
+
+    @property
+    def lens_known(self) -> bool:
+        """Whether a fit may take the focal length for given."""
+        return self.intrinsics_from != "estimated"
 
     @staticmethod
     def of(

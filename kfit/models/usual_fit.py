@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from kfit.core import Encoder, Energy, Generator, Initializer, PoseNetwork, Prior, Schedule
-from kfit.energies import SSIM, CodePrior, Depth, GemanMcClure, Perceptual, PosePrior, Silhouette
+from kfit.core import Encoder, Energy, Generator, Initializer, PoseNetwork, Prior
+from kfit.energies import SSIM, CodePrior, Depth, GemanMcClure, LensPrior, Perceptual, PosePrior, Silhouette
 from kfit.features import EfficientNetLite0
 from kfit.initializers import Constant, EncoderPosterior, FromCamera, FromDepth, PosePosterior, SphereGrid
+from kfit.models.calibration import LENS_WEIGHT
 from kfit.models.card import Card
 
 # Raw units a step, as the released code fits (neural_object_fitting@7309348): half-turns for angles.
@@ -15,8 +16,8 @@ RATES = {"code": 0.3, "azimuth": 0.03, "elevation": 0.01, "roll": 0.01, "shift":
 # What is left of them after the last step.
 CAREFUL = 0.08
 BETAS = (0.7, 0.95)
-# Of the logarithm of the distance, where there is depth.
-DISTANCE_RATE = 0.01
+# Of the logarithms of the distance, where there is depth, and of a focal length that is not known.
+DISTANCE_RATE, FOCAL_RATE = 0.01, 0.06
 # Of depth, and the difference from which on pixels lose weight, in box diagonals of the category's mean.
 DEPTH_WEIGHT, DEPTH_SCALE = 0.5, 0.05
 
@@ -36,8 +37,9 @@ def usual_parts(
     pose_head: PoseNetwork | None,
     card: Card,
     depth: bool,
+    lens_known: bool,
     energies: Mapping[str, tuple[Energy, float]],
-) -> tuple[dict[str, Energy | Prior], dict[str, float | Schedule], list[Initializer], dict[str, float]]:
+) -> tuple[dict[str, Energy | Prior], dict[str, float], list[Initializer], dict[str, float]]:
     """Energies with priors, their weights, initializers and rates of `kfit.models.CategoryModel.pipeline`."""
     parts: dict[str, Energy | Prior] = {name: energy for name, (energy, _) in energies.items()}
     parts["prior"] = CodePrior()
@@ -46,12 +48,14 @@ def usual_parts(
         EncoderPosterior(encoder),
         Constant({"roll": 0.0, "shift": 0.0, "scale": 1.0}),
     ]
-    weights: dict[str, float | Schedule] = {name: weight for name, (_, weight) in energies.items()}
+    weights = {name: weight for name, (_, weight) in energies.items()}
     weights["prior"] = 0.02
     rates = dict(RATES)
     if "focal" in generator.variables:
         initializers.append(FromCamera())
-        rates["focal"] = 0.0
+        rates["focal"] = 0.0 if lens_known else FOCAL_RATE
+        if not lens_known:
+            parts["lens"], weights["lens"] = LensPrior(card.mean_diagonal, card.unit_fraction), LENS_WEIGHT
     if pose_head is not None:
         parts["pose"], weights["pose"] = PosePrior(pose_head), card.pose_weight
     if depth:

@@ -8,8 +8,8 @@ from torch import Tensor
 from kfit.callbacks import Pruning
 from kfit.core import Encoder, Energy, Generator, Observation, Prior, Schedule
 from kfit.energies import SSIM, CodePrior, Silhouette
-from kfit.geometry.pose import rotation_of
 from kfit.generators import fixed_camera
+from kfit.geometry.pose import rotation_of
 from kfit.initializers import EncoderPosterior, SphereGrid
 from kfit.optimizers import Adam
 from kfit.pipeline import FitPipeline

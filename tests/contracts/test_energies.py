@@ -27,6 +27,7 @@ from kfit.energies import (
     GemanMcClure,
     Gradient,
     Huber,
+    LensPrior,
     LocalNCC,
     MutualInformation,
     Perceptual,
@@ -85,8 +86,9 @@ BUILD = {
     LPIPS: [lambda: copy.deepcopy(lpips())],
     Silhouette: [Silhouette],
     SoftIoU: [SoftIoU],
-    Depth: [Depth],
+    Depth: [Depth, lambda: Depth(GemanMcClure(0.5))],
     CodePrior: [CodePrior],
+    LensPrior: [lambda: LensPrior(0.2, 1.1)],
     PosePrior: [lambda: PosePrior(head()), lambda: PosePrior(head("y"))],
 }
 CHANNELS = {"image": 3, "mask": 1, "depth": 1}
@@ -135,10 +137,19 @@ def asked(prior, dtype=torch.float32):
     """Values of a prior's variables for three rows, and what it has read off their pictures."""
     codes, angles = (torch.linspace(-1, 2, 3 * n, dtype=dtype) for n in (4, 1))
     value = (
-        codes.view(3, 4) if isinstance(prior.on, str) else {name: angles / (i + 1) for i, name in enumerate(prior.on)}
+        codes.view(3, 4)
+        if isinstance(prior.on, str)
+        else {name: allowed(prior, angles / (i + 1)) for i, name in enumerate(prior.on)}
     )
     rng = torch.Generator().manual_seed(0)
-    return value, prior.prepare(Observation(torch.rand(3, 3, 8, 8, generator=rng, dtype=dtype)))
+    cameras = torch.diag(torch.tensor([9.0, 9.0, 1.0], dtype=dtype)).repeat(3, 1, 1)
+    pictures = torch.rand(3, 3, 8, 8, generator=rng, dtype=dtype)
+    return value, prior.prepare(Observation(pictures, intrinsics=cameras))
+
+
+def allowed(prior, value):
+    """Values of a prior's variables: where these are lengths, above 0."""
+    return value.abs() + 1e-3 if isinstance(prior, LensPrior) else value
 
 
 def told(prior, value, prepared):
@@ -308,7 +319,7 @@ class TestAPrior:
         prior = build()
         value, prepared = asked(prior)
         leaves, tree = pytree.tree_flatten(value)
-        leaves = [torch.full_like(leaf, far).requires_grad_() for leaf in leaves]
+        leaves = [allowed(prior, torch.full_like(leaf, far)).requires_grad_() for leaf in leaves]
         found = told(prior, pytree.tree_unflatten(leaves, tree), prepared)
         assert found.isfinite().all()
         assert all(slope.isfinite().all() for slope in torch.autograd.grad(found.sum(), leaves))

@@ -18,7 +18,7 @@ from kfit.callbacks import Pruning, Stopping
 from kfit.core import FitError, FitResult, Initializer, Observation, Optimizer, Prior
 from kfit.energies import L2, Depth, Silhouette
 from kfit.generators import MetricDepth, RadianceField, SimilarityWarp, Template
-from kfit.initializers import Constant, FromDepth, Uniform
+from kfit.initializers import Constant, FromCamera, FromDepth, Uniform
 from kfit.models.sighting import Sighting
 from kfit.optimizers import CMAES, Adam, LevenbergMarquardt, Stages
 
@@ -202,10 +202,11 @@ def in_depth() -> FitPipeline:
     field = RadianceField(code_dim=2, volume_dims=(4, 3), num_samples=4, image_size=16).double()
     starts = [
         Uniform("code", -0.5, 0.5), Uniform("azimuth", -3.0, 3.0), Uniform("elevation", 0.0, 1.0),
-        Constant({"roll": 0.0, "shift": 0.0, "scale": 1.0}), FromDepth(1.0),
+        Constant({"roll": 0.0, "shift": 0.0, "scale": 1.0}), FromCamera(),
     ]  # fmt: skip
+    drawn = MetricDepth(SimilarityWarp(field), 1.0)
     energies = {"image": L2(), "mask": Silhouette(), "depth": Depth()}
-    return FitPipeline(MetricDepth(SimilarityWarp(field)), energies, starts, Adam(0.02), num_starts=3, num_steps=4)
+    return FitPipeline(drawn, energies, [FromDepth(drawn, starts)], Adam(0.02), num_starts=3, num_steps=4)
 
 
 def with_depth() -> Observation:
