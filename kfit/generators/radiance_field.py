@@ -150,9 +150,8 @@ class RadianceField(Generator):
             across, ahead = axes[:, :2] / focal, axes[:, 2:]
             # What a ray gains while depth grows by a diagonal, and where it passes the object's centre.
             along = rays.flatten(0, 1) @ torch.cat([across, ahead], 1).to(volume.dtype)
-            past = rays[..., :2].flatten(0, 1) @ (across * distance_by_focal(focal, self.unit_fraction)).to(
-                volume.dtype
-            )
+            at_centre = across * distance_by_focal(focal, self.unit_fraction)
+            past = rays[..., :2].flatten(0, 1) @ at_centre.to(volume.dtype)
             past, along = (part.unflatten(1, rays.shape[:2]) for part in (past, along))
             along = torch.where(along.abs() < PARALLEL, PARALLEL, along)
             walls = torch.stack([(-1 - past) / along, (1 - past) / along])

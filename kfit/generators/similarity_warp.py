@@ -81,7 +81,7 @@ class SimilarityWarp(Generator):
 
 
 def fixed_camera(generator: Generator) -> Generator:
-    """The generator with its ``focal``, if it has one, held at its own (`kfit.generators.RadianceField`'s ``distance``).
+    """The generator with its ``focal``, if it has one, held at the generator's own.
 
     So all rows are drawn from one distance, as the paper's generator draws, and nothing needs to be known of a camera.
     """

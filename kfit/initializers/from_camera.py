@@ -12,8 +12,8 @@ from kfit.core import Initializer, Observation, Variable, Variables
 class FromCamera(Initializer):
     """Sets ``focal``, the focal length over the picture's width, by the observation's intrinsics.
 
-    φ = (f_x + f_y) / 2 / W. With `kfit.generators.SimilarityWarp` around a generator that has a ``focal``, drawings then
-    have the photo's own perspective.
+    φ = (f_x + f_y) / 2 / W. With it, what `kfit.generators.SimilarityWarp` draws of a generator that has a ``focal``
+    has the photo's own perspective.
 
     Raises:
         ValueError: when it is called, for an observation without intrinsics.

@@ -81,6 +81,6 @@ def _lens_note(camera: Tensor, longer: int) -> str:
     """A sentence on a focal length that nobody knows."""
     focal, off = float(camera[0, 0]), math.exp(FOCAL_LOG_SD["estimated"])
     return (
-        f"focal length estimated: {focal / longer:.2f} times the photo's longer side, to a factor of {off:.1f}; distance "
-        "depends on it"
+        f"focal length estimated: {focal / longer:.2f} times the photo's longer side, to a factor of {off:.1f}; "
+        "distance depends on it"
     )

@@ -20,8 +20,9 @@ def fit_of(recipe: str | Path, model: CategoryModel, changes: Sequence[str] = ()
 
     A recipe names Python classes, whose modules are imported: take one as you take a program, from whom you trust.
     It holds the arguments of `kfit.FitPipeline` but the generator, each part by its ``class_path``; see
-    ``recipes/fit_released.yaml``. The model gives the generator, in `kfit.generators.SimilarityWarp`; its encoder's
-    posterior, where no initializer sets the code; one distance of the camera, where none sets the focal length; and its category's symmetry, for a selector that asks for one.
+    ``recipes/fit_released.yaml``. The model gives the generator, in `kfit.generators.SimilarityWarp`, and drawn from
+    one distance where no initializer sets the ``focal``; its encoder's posterior, where none sets the code; and its
+    category's symmetry, for a selector that asks for one.
 
     Args:
         recipe: path of the YAML file.

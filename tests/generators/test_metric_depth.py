@@ -20,8 +20,8 @@ class Slope(Generator):
 
 
 def test_depth_is_the_distance_and_the_diagonal_times_the_relative_depth():
-    # Of a sphere of diameter 1 the silhouette is f / √(d² − 1/4) wide: with f = 3.6 pictures 1.5 of the 2 that scale and
-    # fraction give from d = 1.3, and 3 of 4 from the d = 1.3 of half as much.
+    # A sphere of diameter 1, seen from 1.3, has a silhouette f / √(1.3² − 1/4) = f / 1.2 wide: with f = 3.6 pictures
+    # that is 3, the 1.5 · 2 of scale and fraction. So it is from 1.3 diagonals, with twice of both too.
     values = {
         "scale": torch.tensor([1.5, 3.0]),
         "distance": torch.tensor([2.6, 1.3]),

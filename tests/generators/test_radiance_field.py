@@ -30,10 +30,10 @@ def ball_volume(at, radius, sides, count=64):
 def drawn(field, volume, azimuth_deg=0.0, elevation_deg=0.0, focal=None):
     angles = {"azimuth": azimuth_deg, "elevation": elevation_deg}
     values = {name: torch.tensor([math.radians(angle)]) for name, angle in angles.items()}
+    if focal is not None:
+        values["focal"] = torch.tensor([focal])
     with torch.no_grad():
-        return field._picture(
-            volume, values if focal is None else values | {"focal": torch.tensor([focal])}, field.rays
-        )
+        return field._picture(volume, values, field.rays)
 
 
 @pytest.mark.parametrize(
@@ -179,7 +179,10 @@ def test_single_pixels_are_those_of_the_whole_picture():
 def test_evaluation_looks_closely_only_where_it_counts_and_draws_and_slopes_the_same(monkeypatch):
     field = load("mug").generator
     rng = torch.Generator().manual_seed(0)
-    values = {name: 0.7 * torch.randn(3, *v.shape, generator=rng) for name, v in field.variables.items()}
+    raw = {
+        name: 0.7 * torch.randn(3, *v.shape, generator=rng) for name, v in field.variables.items() if name != "focal"
+    }
+    values = raw | {"focal": torch.tensor([1.5, 3.0, 6.0])}
     looked = []
     sampled = ray_march._sampled
     monkeypatch.setattr(ray_march, "_sampled", lambda *given: looked.append(len(given[1])) or sampled(*given))
