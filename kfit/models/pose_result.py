@@ -111,6 +111,7 @@ class PoseResult:
             ],
             "intrinsics": self.intrinsics.tolist(),
             "intrinsics_from": self.intrinsics_from,
+            "intrinsics_assumed": self.intrinsics_from == "estimated",
             "focal_length_px": float(self.intrinsics[0, 0] + self.intrinsics[1, 1]) / 2,
             "focal_log_sd": self.focal_log_sd,
             "notes": self.notes,
