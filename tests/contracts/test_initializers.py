@@ -19,12 +19,11 @@ from kfit.core import (
     History,
     Initializer,
     Observation,
-    PoseNetwork,
     Positive,
     Rendering,
     Variable,
 )
-from kfit.geometry import rotation_error, rotation_from_angles
+from kfit.geometry import PoseNetwork, rotation_error, rotation_from_angles
 from kfit.initializers import (
     Constant,
     EncoderPosterior,
