@@ -1,6 +1,5 @@
 """Pure functions on tensors: pose conventions, crops, cameras, boxes, and what is known about categories."""
 
-from kfit.geometry.bins import bin_log_probabilities
 from kfit.geometry.boxes import EDGES, box_corners, project
 from kfit.geometry.camera import (
     UNIT_FRACTION,
@@ -27,6 +26,7 @@ from kfit.geometry.pose import (
     rotation_from_angles,
     to_opencv,
 )
+from kfit.geometry.pose_network import PoseNetwork
 
 __all__ = [
     "CATEGORIES",
@@ -34,9 +34,9 @@ __all__ = [
     "UNIT_FRACTION",
     "Category",
     "Crop",
+    "PoseNetwork",
     "Symmetry",
     "angles_from_rotation",
-    "bin_log_probabilities",
     "box_corners",
     "depth_along",
     "diagonal_at",
