@@ -86,7 +86,7 @@ class CategoryModel:
         drawn once to choose the best. Of 40 unseen mugs, laptops and cans each, more starts and steps found no better
         poses. Adam at the released rates, which fall from step to step; E = features of EfficientNet-Lite0 + 2 · SSIM
         + 5 · silhouette + 0.02 · code prior + the card's pose weight · what the pose head says, and where there is
-        depth 4 · its difference in mean box diagonals.
+        depth ½ · Geman and McClure's kernel of its difference over 0.05 mean box diagonals.
         ``kfit bench energies`` compares others with the first three.
 
         Args:
