@@ -214,8 +214,9 @@ class DatasetFit(LightningModule):
         """The fit of objects of a category, built when first needed."""
         name = category if lens_known else f"{category}, lens unknown"
         if name not in self.pipelines:
-            how = {"depth": self.depth, "lens_known": lens_known}
-            self.pipelines[name] = self.models[category].pipeline(self.num_starts, self.num_steps, **how)
+            self.pipelines[name] = self.models[category].pipeline(
+                self.num_starts, self.num_steps, depth=self.depth, lens_known=lens_known
+            )
         return self.pipelines[name]
 
     def _keep(self, data: FitData, image: ImageToFit, answers: Sequence[PoseResult | str]) -> None:

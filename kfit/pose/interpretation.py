@@ -50,7 +50,7 @@ def interpret(
     if not seen.lens_known:
         if "focal" in fit.values:
             camera = with_focal(camera, fit.values["focal"][0].double() * seen.crop.side)
-        notes.insert(0, _lens_note(camera, max(seen.image.shape[:2])))
+        notes.append(_lens_note(camera, max(seen.image.shape[:2])))
     rows, columns = (np.flatnonzero((seen.mask > 0.5).any(axis)) for axis in (1, 0))
     left, top = int(columns[0]), int(rows[0])
     return PoseResult(

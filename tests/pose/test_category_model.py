@@ -66,7 +66,8 @@ def test_depth_fixes_distance_and_size_of_an_object_larger_than_its_kind() -> No
     depth[100:110] = np.nan  # the camera has not seen all of it
     found = model.pose(view.image, mask=mask, intrinsics=INTRINSICS, depth=depth)
     assert found.size_from == "depth"
-    assert np.linalg.norm(found.translation - np.array([0.12, -0.06, 0.9])) < 0.02
+    assert np.linalg.norm(found.translation - np.array([0.12, -0.06, 0.9])) < 0.04
+    assert found.translation[2] == pytest.approx(0.9, abs=0.01)
     assert np.linalg.norm(found.size) == pytest.approx(diagonal, rel=0.08)
     colour = model.pose(view.image, mask=mask, intrinsics=INTRINSICS)
     assert colour.size_from == "mean size"
@@ -99,7 +100,7 @@ def test_the_result_is_json_with_the_promised_fields(tiny_model: CategoryModel) 
         1.2 * 60
     )  # this generator draws from one distance, so nothing tells
     assert 0.2 < said["focal_log_sd"] < 0.5
-    assert "focal length estimated" in said["notes"][0]
+    assert "focal length estimated" in " ".join(said["notes"])
     assert np.allclose(np.linalg.det(said["rotation"]), 1)
     assert math.isclose(np.linalg.norm(said["quaternion_wxyz"]), 1, rel_tol=1e-6)
     assert math.isclose(sum(a["weight"] for a in said["alternatives"]), 1, rel_tol=1e-6)

@@ -426,7 +426,7 @@ def test_views_are_drawn_from_the_distances_at_which_they_were_taken(monkeypatch
     monkeypatch.setattr(model, "log", lambda *args, **kwargs: None)
     monkeypatch.setattr(model, "log_dict", lambda *args, **kwargs: None)
     monkeypatch.setattr(field, "_picture", lambda *args: seen.append(args[1].get("focal")) or picture(*args))
-    distance = torch.tensor([1.3, 8.0])
+    distance = torch.linspace(1.3, 8.0, len(batch()["azimuth"]))
     model.training_step(batch() | {"distance": distance}, 0)
     model.report(batch() | {"distance": distance}, "val")
     model.training_step(batch(), 0)
