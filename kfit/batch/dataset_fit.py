@@ -214,9 +214,10 @@ class DatasetFit(LightningModule):
         """The fit of objects of a category, built when first needed."""
         name = category if lens_known else f"{category}, lens unknown"
         if name not in self.pipelines:
-            self.pipelines[name] = self.models[category].pipeline(
-                self.num_starts, self.num_steps, depth=self.depth, lens_known=lens_known
-            )
+            with torch.inference_mode(False):  # what is made under it, as in `predict`, could pass no gradient
+                self.pipelines[name] = self.models[category].pipeline(
+                    self.num_starts, self.num_steps, depth=self.depth, lens_known=lens_known
+                )
         return self.pipelines[name]
 
     def _keep(self, data: FitData, image: ImageToFit, answers: Sequence[PoseResult | str]) -> None:

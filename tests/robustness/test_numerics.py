@@ -17,7 +17,7 @@ from kfit import FitPipeline
 from kfit.callbacks import Pruning, Stopping
 from kfit.core import FitError, FitResult, Initializer, Observation, Optimizer, Prior
 from kfit.energies import L2, Depth, Silhouette
-from kfit.generators import MetricDepth, RadianceField, SimilarityWarp, Template
+from kfit.generators import MetricDepth, RadianceField, SimilarityWarp, Template, fixed_camera
 from kfit.initializers import Constant, FromCamera, FromDepth, Uniform
 from kfit.optimizers import CMAES, Adam, LevenbergMarquardt, Stages
 from kfit.pose.observed_object import ObservedObject
@@ -155,7 +155,13 @@ class TestWhatIsNoNumber:
         for azimuths in ([0.4, math.nan, -0.1, 0.3], [0.4, -0.1, 0.3]):
             starts = [Written(azimuth=float64(*azimuths)), Constant({"code": 0.0, "elevation": 0.2})]
             fit = FitPipeline(
-                field, {"l2": L2()}, starts, Adam(0.02), num_starts=2, num_steps=3, num_candidates=len(azimuths)
+                fixed_camera(field),
+                {"l2": L2()},
+                starts,
+                Adam(0.02),
+                num_starts=2,
+                num_steps=3,
+                num_candidates=len(azimuths),
             )
             found.append(fit(Observation(torch.ones(1, 3, 16, 16).double()), seed=0))
         assert not found[0].dropped
