@@ -34,21 +34,21 @@ class FeatureNetwork(nn.Module, ABC):
         check_list("std", std, 3, check_positive)
         self.mean: Tensor
         self.std: Tensor
-        self.register_buffer("mean", torch.tensor(mean).view(1, 3, 1, 1), persistent=False)
-        self.register_buffer("std", torch.tensor(std).view(1, 3, 1, 1), persistent=False)
+        self.register_buffer("mean", torch.tensor(mean, dtype=torch.float32).view(1, 3, 1, 1), persistent=False)
+        self.register_buffer("std", torch.tensor(std, dtype=torch.float32).view(1, 3, 1, 1), persistent=False)
 
     @abstractmethod
     def forward(self, image: Tensor) -> dict[str, Tensor]:
         """Features (N, C, h, w) by layer of pictures (N, 3, H, W), RGB in [0, 1]."""
 
     def normalized(self, image: Tensor) -> Tensor:
-        """``(image − mean) / std``, as the network was trained.
+        """``(image − mean) / std``, as the network was trained, in the network's precision.
 
         Raises:
             ValueError: if ``image`` is not (N, 3, H, W).
         """
         check_shape("image", image, ("N", 3, "H", "W"))
-        return (image - self.mean) / self.std
+        return (image.to(self.mean.dtype) - self.mean) / self.std
 
     def freeze(self) -> None:
         """Ask for no gradients of the weights, and lay them out as convolutions on a CPU run fastest."""

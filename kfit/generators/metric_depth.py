@@ -12,7 +12,8 @@ from kfit.geometry.camera import distance_by_focal
 
 
 class MetricDepth(Generator):
-    """Draws depth as a depth camera measures it: tz is added to the generator's depth (paper, section 3.4).
+    """Draws depth as a depth camera measures it: tz is added to the generator's depth (Chen et al. 2020,
+    section 4.1, "Results: Translation").
 
     depth = t · (1 + d / d₀), with d the depth behind the object's centre in box diagonals that the generator draws, and
     d₀ = `kfit.geometry.distance_by_focal`(focal / scale) the distance of the camera in box diagonals: at t metres the

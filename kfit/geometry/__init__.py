@@ -13,6 +13,7 @@ from kfit.geometry.camera import (
     pose_from_crop,
     viewing_ray,
     viewing_ray_rotation,
+    was_cropped,
     with_focal,
 )
 from kfit.geometry.categories import CATEGORIES, Category
@@ -21,6 +22,7 @@ from kfit.geometry.crop import Crop
 from kfit.geometry.pose import (
     Symmetry,
     angles_from_rotation,
+    azimuth_from_released,
     from_opencv,
     rotation_error,
     rotation_from_angles,
@@ -37,6 +39,7 @@ __all__ = [
     "PoseNetwork",
     "Symmetry",
     "angles_from_rotation",
+    "azimuth_from_released",
     "box_corners",
     "depth_along",
     "diagonal_at",
@@ -56,5 +59,6 @@ __all__ = [
     "to_opencv",
     "viewing_ray",
     "viewing_ray_rotation",
+    "was_cropped",
     "with_focal",
 ]

@@ -10,10 +10,11 @@ from torch import Tensor
 
 from kfit.core import FitResult, Rendering, Variables
 from kfit.energies.lens_prior import DISTANCE_SPREAD, FOCAL_SPREAD
-from kfit.geometry import with_focal
+from kfit.geometry import CATEGORIES, with_focal
 from kfit.pose.confidence import DOUBTFUL
 from kfit.pose.hypotheses import PoseHypotheses
-from kfit.pose.observed_object import PLAIN, WHOLE, ObservedObject
+from kfit.pose.object_depth import wrong_size
+from kfit.pose.observed_object import ObservedObject
 from kfit.pose.result import PoseResult
 
 # By where the intrinsics come from. EXIF tags are rounded to a millimetre, and lenses miss their names by some percent;
@@ -51,6 +52,8 @@ def interpret(
         if "focal" in fit.values:
             camera = with_focal(camera, fit.values["focal"][0].double() * seen.crop.side)
         notes.append(_lens_note(camera, max(seen.image.shape[:2])))
+    size_doubt = wrong_size(CATEGORIES[category], float(size.norm())) if "distance" in fit.values else None
+    most = DOUBTFUL if seen.doubtful or size_doubt is not None else 1.0
     rows, columns = (np.flatnonzero((seen.mask > 0.5).any(axis)) for axis in (1, 0))
     left, top = int(columns[0]), int(rows[0])
     return PoseResult(
@@ -61,13 +64,16 @@ def interpret(
         size_from="depth" if "distance" in fit.values else "mean size",
         bbox_xywh=(left, top, int(columns[-1]) + 1 - left, int(rows[-1]) + 1 - top),
         energy=float(fit.energy[0]),
-        confidence=min(hypotheses.confidence, 1.0 if {PLAIN, WHOLE}.isdisjoint(seen.notes) else DOUBTFUL),
+        confidence=min(hypotheses.confidence, most),
         ambiguous=hypotheses.ambiguity is not None,
         alternatives=hypotheses.alternatives,
         intrinsics=camera.numpy(),
         intrinsics_from=seen.intrinsics_from,
         focal_log_sd=FOCAL_LOG_SD[seen.intrinsics_from],
-        notes=[*notes, *(note for note in (hypotheses.warning, hypotheses.ambiguity) if note is not None)],
+        notes=[
+            *notes,
+            *(note for note in (size_doubt, hypotheses.warning, hypotheses.ambiguity) if note is not None),
+        ],
         image=seen.image,
         mask=seen.mask,
         crop=seen.crop,

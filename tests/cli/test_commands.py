@@ -11,7 +11,6 @@ from skimage.io import imread, imsave
 
 from kfit.cli.main import main
 from kfit.data import build, pose_view
-from kfit.models.load import BUNDLED
 
 
 @pytest.fixture(scope="module")
@@ -81,7 +80,6 @@ def test_a_users_mistake_gets_one_sentence_and_writes_nothing(
     text.write_text("no picture")
     imsave(empty, np.zeros((128, 128), np.uint8), check_contrast=False)
     damaged.write_bytes(b"1234")
-    damaged.with_suffix(".json").write_bytes((BUNDLED / "mug.json").read_bytes())
     mug = ["--category", "mug", "--out", str(tmp_path / "out")]
     for words, sentence in [
         (["nothing.jpg", *mug], "nothing.jpg"),
@@ -102,6 +100,7 @@ def test_a_users_mistake_gets_one_sentence_and_writes_nothing(
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_bench_accuracy_prints_a_table(capsys: pytest.CaptureFixture[str]) -> None:
     main(["bench", "accuracy", "--categories", "[mug]", "--views", "2", "--starts", "2", "--steps", "1"])
     said = capsys.readouterr().out
@@ -120,6 +119,7 @@ def test_importing_the_commands_loads_no_torch() -> None:
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
+@pytest.mark.slow
 def test_a_fit_loads_nothing_that_it_does_not_need() -> None:
     # Each costs a tenth to half a second of the answer to a photo.
     heavy = ("sympy", "matplotlib", "lightning", "onnxruntime", "h5py", "torch._dynamo")
