@@ -54,6 +54,7 @@ def test_a_bundled_model_finds_pose_and_place_of_a_drawn_object(category: str) -
     assert result.fit.num_evaluations == 16 + 4 * 4 + 2 * 13
 
 
+@pytest.mark.slow
 def test_depth_fixes_distance_and_size_of_an_object_larger_than_its_kind() -> None:
     mesh, light = build("laptop", 10)
     diagonal = 1.3 * kfit.load("laptop").card.mean_diagonal
