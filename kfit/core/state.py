@@ -139,7 +139,7 @@ class FitState:
         best_energy, best_values: least ranking energy so far of each row, and the values that reached it.
         optimizer: memory of the optimizer, a pytree whose tensors lead with rows.
         notes: what callbacks remember of the rows, (N, …) each by a name of theirs; so they hold nothing themselves.
-        frozen_rows: rows that have stopped moving and still may win; see `rest`.
+        frozen_rows: rows that have stopped moving and still may win; see `freeze`.
     """
 
     step: int
