@@ -20,7 +20,7 @@ def parser() -> ArgumentParser:
     parser.add_argument(
         "checkpoint",
         type=str,
-        help="a .ckpt file of kfit.training.ConditionalVAE, a model's .safetensors that gets another pose head, or with "
+        help="a .ckpt file of kfit.training.ConditionalVAE, a .safetensors file that gets another pose head, or with "
         "--category the paper's authors' model_latest.pth",
     )
     parser.add_argument(
