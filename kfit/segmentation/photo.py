@@ -13,10 +13,11 @@ from torch import Tensor
 
 from kfit.core.quiet import quiet
 from kfit.geometry import intrinsics_from_exif
+from kfit.segmentation.file_kinds import check_is_file, is_heif, register_heif, unreadable
 
 LARGEST_SIDE = 10_000
 # Pillow reads more kinds, whatever a file is called; PostScript among them, a program that it has Ghostscript run.
-KINDS = ("AVIF", "BMP", "DIB", "GIF", "JPEG", "JPEG2000", "PNG", "PPM", "TGA", "TIFF", "WEBP")
+KINDS = ("AVIF", "BMP", "DIB", "GIF", "HEIF", "JPEG", "JPEG2000", "PNG", "PPM", "TGA", "TIFF", "WEBP")
 _EXIF_DIRECTORY = 0x8769
 
 
@@ -38,11 +39,12 @@ class Photo:
 def read_photo(path: str | Path) -> Photo:
     """Read a photo, with 8 or 16 bits, grey, of a palette or CMYK, with or without alpha.
 
-    Its file is of one of the ``KINDS``, as JPEG, PNG, WebP and TIFF are. The EXIF rotation is carried out. Of a file
-    with several pictures the first is read.
+    Its file is of one of the ``KINDS``, as JPEG, PNG, WebP, AVIF and TIFF are; HEIC needs the extra ``kfit[heif]``. The
+    EXIF rotation is carried out. Of a file with several pictures the first is read.
 
     Raises:
         FileNotFoundError: if there is no such file.
+        ImportError: for a HEIC picture without the package that decodes it.
         ValueError: if it is no image, is damaged, or has more than 10,000 pixels on a side.
     """
     picture, tags = _open(path)
@@ -106,7 +108,7 @@ def depth_from_file(path: str | Path, shape: tuple[int, int]) -> NDArray[np.floa
         ValueError: if it is neither, its size is not the photo's, or no depth is known in it.
     """
     if Path(path).suffix == ".npy":
-        _check_file(path)
+        check_is_file(path)
         try:
             metres: NDArray[Any] = np.lib.format.open_memmap(path, mode="r")  # `np.load` would open zips too
         except (ValueError, OSError, EOFError) as error:
@@ -139,18 +141,12 @@ def mask_from_alpha(alpha: NDArray[np.float32] | None) -> NDArray[np.float32] | 
     return alpha
 
 
-def _check_file(path: str | Path) -> None:
-    """Refuse what is no file: a pipe would be waited for."""
-    if not Path(path).exists():
-        raise FileNotFoundError(f"there is no file {path}")
-    if not Path(path).is_file():
-        raise ValueError(f"{path or '.'} is not an image that can be read: it is no file")
-
-
 def _open(path: str | Path) -> tuple[Image.Image, dict[int, object]]:
     """The upright picture and its EXIF tags."""
-    _check_file(path)
+    check_is_file(path)
     size = None
+    if is_heif(path):
+        register_heif()
     try:
         # Pillow warns of large pictures, which are measured below, and of EXIF tags that it cannot read.
         with quiet(), Image.open(path, formats=KINDS) as picture:
@@ -165,7 +161,7 @@ def _open(path: str | Path) -> tuple[Image.Image, dict[int, object]]:
         has = f"{size[0]} x {size[1]} pixels, more than" if size else "far more pixels than"
         raise ValueError(f"{path} has {has} {LARGEST_SIDE:,} on a side") from error
     except (UnidentifiedImageError, PermissionError) as error:
-        raise ValueError(f"{path} is not an image that can be read") from error
+        raise ValueError(unreadable(path)) from error
     except MemoryError:
         raise
     except Exception as error:  # Pillow raises whatever its many parsers raise
