@@ -35,8 +35,8 @@ def page(sessions: Sessions) -> gr.Blocks:
                 drop = gr.File(label="Photo: JPEG, PNG or WebP, at most 20 MB", file_types=ENDINGS, height=190)
                 example = gr.Button("Take the example: a cup of coffee")
                 surface = gr.HTML(
-                    html_template=(HERE / "box.html").read_text(),
-                    js_on_load=(HERE / "box.js").read_text(),
+                    html_template=(HERE / "box.html").read_text(encoding="utf-8"),
+                    js_on_load=(HERE / "box.js").read_text(encoding="utf-8"),
                     elem_classes=["kfit-plain"],
                     **{"photo": "", "aspect": 1.0, "mask": "", "hint": ""},
                 )

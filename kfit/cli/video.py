@@ -41,7 +41,7 @@ def parser() -> ArgumentParser:
         "--model", type=str, default=None, help="a .safetensors model of your own, instead of --category"
     )
     parser.add_argument(
-        "--mask", type=str, default=None, help="a picture of the first frame's size, not 0 on the object"
+        "--mask", type=str, default=None, help="a picture of the first frame's size, light on the object"
     )
     parser.add_argument(
         "--masks",

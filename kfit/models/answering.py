@@ -11,8 +11,9 @@ from kfit.core import FitResult
 from kfit.geometry import to_opencv
 from kfit.models.alternatives import fitted_rotations
 from kfit.models.calibration import DOUBTFUL
+from kfit.models.object_depth import wrong_size
 from kfit.models.pose_result import PoseResult
-from kfit.models.sighting import PLAIN, WHOLE, Sighting
+from kfit.models.sighting import Sighting
 
 if TYPE_CHECKING:
     from kfit.models.category_model import CategoryModel
@@ -35,6 +36,8 @@ def answer_of(
     # From the crop's virtual camera to the photo's: the same turn for every start, up to their shifts.
     turn = rotation[0] @ to_opencv(fitted_rotations(fit.values))[0].mT
     verdict = model.judged(fit, turn, looks)
+    size_doubt = wrong_size(model.card.known, float(diagonal)) if "distance" in fit.values else None
+    most = DOUBTFUL if seen.doubtful or size_doubt is not None else 1.0
     rows, columns = (np.flatnonzero((seen.mask > 0.5).any(axis)) for axis in (1, 0))
     left, top = int(columns[0]), int(rows[0])
     return PoseResult(
@@ -45,12 +48,12 @@ def answer_of(
         size_from="depth" if "distance" in fit.values else "mean size",
         bbox_xywh=(left, top, int(columns[-1]) + 1 - left, int(rows[-1]) + 1 - top),
         energy=float(fit.energy[0]),
-        confidence=min(verdict.confidence, 1.0 if {PLAIN, WHOLE}.isdisjoint(seen.notes) else DOUBTFUL),
+        confidence=min(verdict.confidence, most),
         ambiguous=verdict.ambiguity is not None,
         alternatives=verdict.alternatives,
         intrinsics=seen.intrinsics.double().numpy(),
         intrinsics_from=seen.intrinsics_from,
-        notes=[*seen.notes, *(note for note in (verdict.doubt, verdict.ambiguity) if note is not None)],
+        notes=[*seen.notes, *(note for note in (size_doubt, verdict.doubt, verdict.ambiguity) if note is not None)],
         image=seen.image,
         mask=seen.mask,
         crop=seen.crop,

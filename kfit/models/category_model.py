@@ -146,7 +146,7 @@ class CategoryModel:
         Args:
             image: path of a photo, what `kfit.segmentation.read_photo` made of it, or (H, W, 3)
                 RGB: uint8, or floating point in [0, 1].
-            mask: (H, W), above 0 on the object.
+            mask: (H, W), above one half of its full scale (1, 255 or 65535) on the object.
             box: left, top, width, height in pixels.
             intrinsics: (3, 3).
             depth: (H, W) in metres along the camera's axis; what is not finite and above 0 is unknown.

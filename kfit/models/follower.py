@@ -21,13 +21,13 @@ from kfit.geometry import Crop
 from kfit.initializers import PosePosterior
 from kfit.models.category_model import CategoryModel
 from kfit.models.followed import Followed
-from kfit.models.given import as_photo, choose_mask
+from kfit.models.given import as_numbers, as_photo, choose_mask
 from kfit.models.one_drawing import OneDrawing, Told
 from kfit.models.pose_result import PoseResult
 from kfit.models.usual_fit import usual_energies
 from kfit.optimizers import GaussNewton
 from kfit.pipeline import FitPipeline
-from kfit.segmentation import Photo, mask_in_photo, read_photo
+from kfit.segmentation import Photo, binary_mask, mask_in_photo, read_photo
 
 # Of differences in roll, shift and scale, in raw units: two degrees and two thirds of a pixel.
 LENGTHS = {"roll": 0.012, "shift": 0.02, "scale": 0.02}
@@ -101,7 +101,7 @@ class Follower:
 
         Args:
             frame: as large as the ones before.
-            mask: (H, W), above 0 on the object, empty where it is not to be seen; else it is found.
+            mask: (H, W), above one half on the object, empty where it is not to be seen; else it is found.
 
         Returns:
             Where it is; where nothing stands out, where it was, with no overlap.
@@ -114,10 +114,10 @@ class Follower:
         pixels = frame.image if isinstance(frame, Photo) else as_photo(frame)
         if pixels.shape[:2] != self.last.mask.shape:
             raise ValueError(f"frame must be as large as the first, {self.last.mask.shape}, got {pixels.shape[:2]}")
-        if mask is not None and not np.any(np.asarray(mask) > 0):
+        if mask is not None and not binary_mask(as_numbers("mask", mask)).any():
             return self._unseen()
         if mask is not None:
-            found = choose_mask(pixels, mask, None, None, None, self.model.card.category, [])
+            found = choose_mask(pixels, mask, None, None, None, self.model.card.category).mask
         else:
             nearby = self._nearby(pixels)
             if nearby is None:

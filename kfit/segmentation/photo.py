@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,12 +13,19 @@ from PIL import Image, ImageOps, UnidentifiedImageError
 from torch import Tensor
 
 from kfit.core.quiet import quiet
-from kfit.geometry import intrinsics_from_exif
+from kfit.geometry import intrinsics_from_exif, was_cropped
+from kfit.segmentation.clean_mask import binary_mask
 from kfit.segmentation.file_kinds import check_is_file, is_heif, register_heif, unreadable
 
 LARGEST_SIDE = 10_000
 # Pillow reads more kinds, whatever a file is called; PostScript among them, a program that it has Ghostscript run.
 KINDS = ("AVIF", "BMP", "DIB", "GIF", "HEIF", "JPEG", "JPEG2000", "PNG", "PPM", "TGA", "TIFF", "WEBP")
+# Of these, the ones that blur zeros into small numbers.
+LOSSY = ("AVIF", "HEIF", "JPEG", "JPEG2000", "MPO", "WEBP")
+CROPPED = (
+    "by its EXIF tags the photo was cropped after it was taken: it is assumed to be the middle of that photo, and not "
+    "scaled; distance and direction depend on it"
+)
 _EXIF_DIRECTORY = 0x8769
 
 
@@ -29,11 +37,13 @@ class Photo:
         image: (H, W, 3) float32, RGB in [0, 1].
         alpha: (H, W) float32 in [0, 1], where the file has such a channel.
         intrinsics: (3, 3), where the EXIF tags tell the focal length.
+        camera_notes: sentences on what they rest on.
     """
 
     image: NDArray[np.float32]
     alpha: NDArray[np.float32] | None = None
     intrinsics: Tensor | None = None
+    camera_notes: tuple[str, ...] = ()
 
 
 def read_photo(path: str | Path) -> Photo:
@@ -61,11 +71,13 @@ def read_photo(path: str | Path) -> Photo:
         raise ValueError(f"{path} holds floating-point numbers of unknown range, not a photo")
     else:
         image = np.asarray(picture.convert("RGB"), np.float32) / 255
-    return Photo(image, alpha, intrinsics_from_exif(tags, width, height))
+    intrinsics = intrinsics_from_exif(tags, width, height)
+    cropped = intrinsics is not None and was_cropped(tags, width, height)
+    return Photo(image, alpha, intrinsics, (CROPPED,) * cropped)
 
 
 def mask_from_file(path: str | Path, shape: tuple[int, int], may_be_empty: bool = False) -> NDArray[np.float32]:
-    """Read a mask: whatever is not 0 (in a palette, not entry 0) is object; in a JPEG, what is above 127.
+    """Read a mask: object is what `binary_mask` says of the largest channel; in a coloured palette, all but entry 0.
 
     Args:
         shape: (H, W) of the photo that it belongs to.
@@ -85,12 +97,14 @@ def mask_from_file(path: str | Path, shape: tuple[int, int], may_be_empty: bool 
         )
     if picture.mode in ("LA", "RGBA", "PA"):
         picture = picture.convert("RGB")
+    if picture.mode == "P" and _is_grey(picture.getpalette() or []):
+        picture = picture.convert("L")
     values = np.asarray(picture)
-    # JPEG blurs zeros into small numbers.
-    there = values > (127 if picture.format == "JPEG" else 0)
-    mask = np.asarray(np.atleast_3d(there).any(2), np.float32)
+    if picture.mode == "P":
+        values = values > 0
+    mask = binary_mask(np.atleast_3d(values).max(2), labels=picture.format not in LOSSY)
     if not (may_be_empty or mask.any()):
-        raise ValueError(f"mask {path} is empty: all of its pixels are 0")
+        raise ValueError(f"mask {path} is empty: none of its pixels is above one half")
     return mask
 
 
@@ -139,6 +153,11 @@ def mask_from_alpha(alpha: NDArray[np.float32] | None) -> NDArray[np.float32] | 
     if alpha is None or not ((alpha > 0.9).any() and (alpha < 0.1).any()):
         return None
     return alpha
+
+
+def _is_grey(palette: Sequence[int]) -> bool:
+    """Whether a palette (red, green, blue by turns) holds greys alone."""
+    return palette[::3] == palette[1::3] == palette[2::3]
 
 
 def _open(path: str | Path) -> tuple[Image.Image, dict[int, object]]:
