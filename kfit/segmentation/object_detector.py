@@ -17,9 +17,9 @@ from kfit.segmentation.onnx_network import OnnxNetwork
 
 DETECTOR = Path(__file__).parent / "networks" / "objects_ssd.onnx"
 CLASSES = (
-    "Bicycle", "Boot", "Laptop", "Person", "Chair", "Cattle", "Desk", "Cat", "Computer mouse", "Computer monitor", "Box",
-    "Mug", "Coffee cup", "Stationary bicycle", "Table", "Bottle", "High heels", "Vehicle", "Footwear", "Dog", "Book",
-    "Camera", "Car",
+    "Bicycle", "Boot", "Laptop", "Person", "Chair", "Cattle", "Desk", "Cat", "Computer mouse", "Computer monitor",
+    "Box", "Mug", "Coffee cup", "Stationary bicycle", "Table", "Bottle", "High heels", "Vehicle", "Footwear", "Dog",
+    "Book", "Camera", "Car",
 )  # fmt: skip
 # What TensorFlow's SSD of 300 pixels is trained with.
 GRIDS = (19, 10, 5, 3, 2, 1)
@@ -53,7 +53,7 @@ class ObjectDetector:
     (10, 10, 5, 5); scores are sigmoids of the logits. The photo goes in stretched to 300 × 300 pixels, RGB in [−1, 1].
 
     It knows mugs, coffee cups, bottles, laptops and cameras. Bowls and cans also get boxes, as its other classes
-    resemble them; `boxes` therefore ignores classes where it drops overlaps.
+    resemble them; classes therefore do not matter where overlaps are dropped.
 
     Source: Liu et al., "SSD: Single Shot MultiBox Detector", ECCV 2016, arXiv:1512.02325; Ahmadyan et al.,
     "Objectron", CVPR 2021, whose detector it is.
