@@ -43,12 +43,18 @@ class Light:
 
     @staticmethod
     def random(rng: np.random.Generator) -> Light:
-        """Draw a room: a main lamp mostly from above, often a weaker one, warm or cold, with a random ambient share."""
+        """Draw a room: a main lamp and often a weaker one, warm or cold, with a random ambient share.
+
+        The lamps of two rooms in three are above the upright object; the others' are on any side of it, as a lying or
+        inverted object has them.
+        """
         tint = 1 + rng.normal(0, 0.05) * np.array([1.0, 0.1, -1.0])
         level = rng.uniform(0.58, 0.95)
         share = rng.uniform(0.45, 0.8)
         strengths = np.array([1.0, rng.uniform(0, 0.6)])
         elevation = np.deg2rad([rng.uniform(30, 85), rng.uniform(0, 60)])
+        if rng.random() < 1 / 3:
+            elevation = np.arcsin(rng.uniform(-1, 1, 2))
         azimuth = rng.uniform(0, 2 * np.pi, 2)
         directions = np.stack(
             [np.cos(elevation) * np.sin(azimuth), np.sin(elevation), np.cos(elevation) * np.cos(azimuth)], axis=1
@@ -169,7 +175,7 @@ def pose_view(
     """Draw a normalised mesh with the standard camera at an elevation and azimuth in radians, roll 0.
 
     ``R_cam_obj = Rx(elevation)·Ry(azimuth)``; the camera stands ``distance`` diagonals away on its own z axis and looks
-    at the object's centre; ``focal = unit_fraction · image_size · distance`` pixels.
+    at the object's centre; its focal length is that of ``standard_intrinsics``.
     """
     check_range("elevation", elevation)
     check_range("azimuth", azimuth)
@@ -198,8 +204,13 @@ def standard_pose(elevation: float, azimuth: float, distance: float = DISTANCE) 
 def standard_intrinsics(
     image_size: int, distance: float = DISTANCE, unit_fraction: float = UNIT_FRACTION
 ) -> np.ndarray:
-    """(3, 3) pinhole matrix of the standard camera in pixels, pixel centres at integers."""
-    focal, centre = unit_fraction * image_size * distance, (image_size - 1) / 2
+    """(3, 3) pinhole matrix of the standard camera in pixels, pixel centres at integers.
+
+    The sphere of unit diameter, which holds every normalised object, has a silhouette ``unit_fraction`` times as wide
+    as the picture at any distance D: ``focal = unit_fraction · image_size · √(D² − 1/4)``.
+    """
+    check_range("distance", distance, 1, 1e6)
+    focal, centre = unit_fraction * image_size * np.sqrt(distance**2 - 0.25), (image_size - 1) / 2
     return np.array([[focal, 0, centre], [0, focal, centre], [0, 0, 1]])
 
 

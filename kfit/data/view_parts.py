@@ -17,7 +17,7 @@ from kfit.core.whole_files import write_whole
 SIZE = 16
 _SETTINGS = "settings.json"
 # Of each object, in this order.
-FIELDS = ("images", "depth", "poses", "extents")
+FIELDS = ("images", "depth", "poses", "distances", "extents")
 
 
 class ViewParts:

@@ -6,11 +6,13 @@ Lengths are in whatever unit the caller uses; the object is normalised at the en
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
 
 from kfit.data.mesh import Mesh
+from kfit.data.shapes.placing import shift, turn_x
 
 
 def sheet(points: np.ndarray, texture: np.ndarray) -> Mesh:
@@ -180,6 +182,24 @@ def slab(
     high = [(share, top - bevel * (1 - c)) for share, c in zip(shares[::-1], np.cos(angle)[::-1], strict=True)]
     side = revolve(np.array(low + high), textures[1], section=outline)
     return [plate(inner, top, textures[0]), side, plate(inner, bottom, textures[2], facing=-1)]
+
+
+def polygon(corners: Sequence[tuple[float, float]], per_side: int = 3) -> np.ndarray:
+    """Closed outline (per_side·corners + 1, 2) through corners in (x, z) given in the order of ``circle``."""
+    points = np.array([*corners, corners[0]], np.float64)
+    share = np.linspace(0, 1, per_side + 1)[:-1, None]
+    sides = [start + (stop - start) * share for start, stop in itertools.pairwise(points)]
+    return np.concatenate([*sides, points[:1]])
+
+
+def extrusion(outline: np.ndarray, thickness: float, bevel: float, texture: np.ndarray) -> list[Mesh]:
+    """A solid whose outline lies in (x, y), in the order of ``circle``, and which is thick along z about z = 0.
+
+    The outline must be star-shaped about its box's centre.
+    """
+    centre = (outline.min(axis=0) + outline.max(axis=0)) / 2
+    parts = slab(outline - centre, -thickness / 2, thickness / 2, bevel, (texture, texture, texture))
+    return [part.transformed(shift(centre[0], centre[1], 0) @ turn_x(-np.pi / 2)) for part in parts]
 
 
 def tube(path: np.ndarray, radii: np.ndarray | Sequence[float], texture: np.ndarray, num_around: int = 12) -> Mesh:
