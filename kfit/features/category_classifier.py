@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
+import cv2
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from safetensors.torch import load_file
 from torch import Tensor, nn
 
@@ -12,6 +16,7 @@ from kfit.features.imagenet_classifier import ImageNetClassifier
 from kfit.geometry import CATEGORIES
 
 WEIGHTS = Path(__file__).parent / "category_classifier.safetensors"
+SIDE = 224
 NONE = "none"
 NAMES = (*CATEGORIES, NONE)
 # ImageNet's classes (ILSVRC 2012, in their order) that are of a category or look like it.
@@ -47,6 +52,26 @@ class CategoryClassifier(nn.Module):
     def forward(self, image: Tensor) -> Tensor:
         features, logits = self.network(image)
         return (self.trust * grouped(logits) + features @ self.weight.T + self.bias).log_softmax(1)
+
+
+def object_square(image: NDArray[np.float32], box: NDArray[Any], margin: float) -> Tensor:
+    """The square (3, 224, 224) around an object, for `CategoryClassifier`.
+
+    Args:
+        image: (H, W, 3), RGB in [0, 1]; beyond its border its outermost pixels are repeated.
+        box: (4,) left, top, right, bottom in pixels, with some of it inside the picture.
+        margin: on each side, in longer sides of the box.
+    """
+    height, width = image.shape[:2]
+    half = max(1.0, (0.5 + margin) * float(max(box[2] - box[0], box[3] - box[1])))
+    middle_x, middle_y = (box[0] + box[2]) / 2, (box[1] + box[3]) / 2
+    left, top = round(middle_x - half), round(middle_y - half)
+    right, bottom = left + max(2, round(2 * half)), top + max(2, round(2 * half))
+    inside = image[max(0, top) : max(0, bottom), max(0, left) : max(0, right)]
+    beyond = (max(0, -top), max(0, bottom - height), max(0, -left), max(0, right - width))
+    whole = cv2.copyMakeBorder(inside, *beyond, cv2.BORDER_REPLICATE)
+    how = cv2.INTER_AREA if whole.shape[0] > SIDE else cv2.INTER_LINEAR
+    return torch.from_numpy(cv2.resize(whole, (SIDE, SIDE), interpolation=how)).movedim(-1, 0)
 
 
 def grouped(logits: Tensor) -> Tensor:
