@@ -1,4 +1,4 @@
-"""Trains the classifier of categories: ``python -m kfit.training.category_training --out FILE``.
+"""Trains the classifier of categories: ``python -m kfit.training.category_training FILE``.
 
 The bundled weights are those of the defaults, which take some ten minutes of one core.
 """
