@@ -7,15 +7,15 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from kfit.fitting.pipeline import FitPipeline
     from kfit.models import load
-    from kfit.pipeline import FitPipeline
     from kfit.reports.html_page import report
 
 __version__ = version("kfit")
 __all__ = ["FitPipeline", "__version__", "load", "report"]
 
 # Imported when first asked for: `import kfit` costs nothing, and no part is loaded that is not used.
-_HOMES = {"FitPipeline": "kfit.pipeline", "load": "kfit.models", "report": "kfit.reports.html_page"}
+_HOMES = {"FitPipeline": "kfit.fitting.pipeline", "load": "kfit.models", "report": "kfit.reports.html_page"}
 
 
 def __getattr__(name: str) -> Any:

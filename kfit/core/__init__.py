@@ -9,7 +9,6 @@ from kfit.core.contracts import (
     Generator,
     Initializer,
     Optimizer,
-    PoseNetwork,
     Prior,
     ResidualEnergy,
     ResidualPrior,
@@ -20,6 +19,7 @@ from kfit.core.frozen import frozen
 from kfit.core.result import FitResult, History
 from kfit.core.state import Evaluation, FitState, Observation, Rendering
 from kfit.core.variables import Angle, Bounded, Positive, Real, Space, Variable, Variables
+from kfit.geometry.pose_network import PoseNetwork
 
 __all__ = [
     "Angle",

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from kfit.core import Energy
 from kfit.core.check import check_count, check_shape
-from kfit.energies.weighting import shares
+from kfit.energies.weighting import normalized_weights
 
 # A variance of about one grey level of 256, squared: windows flatter than that tell noise.
 _LEAST_VARIANCE = 1e-5
@@ -46,7 +46,12 @@ class LocalNCC(Energy):
         total = self._summed(counted)
         window = {"counted": counted, "total": torch.where(total > 0, total, 1)}
         mean, variance = self._moments(target, window)
-        return {"target": target, "mean": mean, "variance": variance, "share": shares(weight, target)} | window
+        return {
+            "target": target,
+            "mean": mean,
+            "variance": variance,
+            "share": normalized_weights(weight, target),
+        } | window
 
     def compare(self, prediction: Any, prepared: Any) -> Tensor:
         target: Tensor = prepared["target"]

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from kfit.core import Energy
 from kfit.core.check import check_count, check_shape
-from kfit.energies.weighting import shares
+from kfit.energies.weighting import normalized_weights
 
 
 class MutualInformation(Energy):
@@ -40,7 +40,7 @@ class MutualInformation(Energy):
     def prepare(self, target: Any, weight: Tensor | None = None) -> Any:
         low, near = self._bins(target)
         # each channel has a histogram of its own, so its shares must sum to 1
-        share = shares(weight, target[:, :1]).flatten(2).unsqueeze(2)
+        share = normalized_weights(weight, target[:, :1]).flatten(2).unsqueeze(2)
         return {"target": target, "low": low, "near": near * share}
 
     def compare(self, prediction: Any, prepared: Any) -> Tensor:

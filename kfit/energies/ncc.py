@@ -9,7 +9,7 @@ from torch import Tensor
 
 from kfit.core import ResidualEnergy
 from kfit.core.check import check_shape
-from kfit.energies.weighting import shares
+from kfit.energies.weighting import normalized_weights
 
 # A variance of (1e-4)², far below one grey level of 256: what a flat picture is divided by.
 _LEAST_VARIANCE = 1e-8
@@ -30,7 +30,7 @@ class NCC(ResidualEnergy):
     """
 
     def prepare(self, target: Any, weight: Tensor | None = None) -> Any:
-        share = shares(weight, target)
+        share = normalized_weights(weight, target)
         return {"target": target, "share": share, "unit": _unit(target, share)}
 
     def residuals(self, prediction: Any, prepared: Any) -> Tensor:

@@ -11,7 +11,7 @@ from torch import Tensor, nn
 
 from kfit.core import ResidualEnergy, frozen
 from kfit.core.check import check_choice, check_names
-from kfit.energies.weighting import painted, shares
+from kfit.energies.weighting import fill_background, normalized_weights
 from kfit.features import FeatureNetwork
 
 
@@ -54,11 +54,11 @@ class Perceptual(ResidualEnergy):
         return self
 
     def prepare(self, target: Any, weight: Tensor | None = None) -> Any:
-        features = self._features(painted(target, weight))
+        features = self._features(fill_background(target, weight))
         normalize = len(features) > 1 if self.normalize is None else self.normalize
         scale = {}
         for name, feature in features.items():
-            share = shares(weight, feature)
+            share = normalized_weights(weight, feature)
             scale[name] = share.sqrt()
             if normalize:
                 mean_square = (feature.square() * share).sum((1, 2, 3), keepdim=True)
@@ -67,7 +67,7 @@ class Perceptual(ResidualEnergy):
         return super().prepare(features, weight) | {"scale": scale}
 
     def residuals(self, prediction: Any, prepared: Any) -> Tensor:
-        features = self._features(painted(prediction, prepared.get("weight")))
+        features = self._features(fill_background(prediction, prepared.get("weight")))
         check_names("network", features, prepared["target"], complete=True)
         parts = []
         for name, target in prepared["target"].items():

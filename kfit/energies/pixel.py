@@ -8,7 +8,7 @@ from torch import Tensor
 
 from kfit.core import Energy, ResidualEnergy
 from kfit.core.check import check_shape
-from kfit.energies.weighting import shares
+from kfit.energies.weighting import normalized_weights
 
 
 class L1(Energy):
@@ -25,7 +25,7 @@ class L1(Energy):
     def compare(self, prediction: Any, prepared: Any) -> Tensor:
         target: Tensor = prepared["target"]
         check_shape("prediction", prediction, tuple(target.shape))
-        share = shares(prepared.get("weight"), target)
+        share = normalized_weights(prepared.get("weight"), target)
         error: Tensor = (prediction - target).abs() * share
         return error.sum((1, 2, 3))
 
@@ -44,6 +44,6 @@ class L2(ResidualEnergy):
     def residuals(self, prediction: Any, prepared: Any) -> Tensor:
         target: Tensor = prepared["target"]
         check_shape("prediction", prediction, tuple(target.shape))
-        share = shares(prepared.get("weight"), target)
+        share = normalized_weights(prepared.get("weight"), target)
         residuals: Tensor = (prediction - target) * share.sqrt()
         return residuals.flatten(1)

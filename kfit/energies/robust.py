@@ -12,7 +12,7 @@ from torch import Tensor
 
 from kfit.core import ResidualEnergy
 from kfit.core.check import check_positive, check_shape
-from kfit.energies.weighting import shares
+from kfit.energies.weighting import normalized_weights
 
 
 class _Robust(ResidualEnergy):
@@ -27,7 +27,7 @@ class _Robust(ResidualEnergy):
     def residuals(self, prediction: Any, prepared: Any) -> Tensor:
         target: Tensor = prepared["target"]
         check_shape("prediction", prediction, tuple(target.shape))
-        share = shares(prepared.get("weight"), target)
+        share = normalized_weights(prepared.get("weight"), target)
         u = ((prediction - target) / self.scale).to(share.dtype)
         # r = ±√ρ is smooth, its formula is not: near 0, where ρ(u) = u² / 2, the root has no slope
         near = u.abs() < 1e-4

@@ -9,7 +9,7 @@ from torch import Tensor
 from kfit.core.check import check_shape
 
 
-def shares(weight: Tensor | None, like: Tensor) -> Tensor:
+def normalized_weights(weight: Tensor | None, like: Tensor) -> Tensor:
     """Share of each number of ``like`` in its row's mean: w / (C · Σ_pixels w), so that a row's shares sum to 1.
 
     A row whose weights are all 0 has shares of 0, and with them an energy of 0.
@@ -35,7 +35,7 @@ def shares(weight: Tensor | None, like: Tensor) -> Tensor:
     return weight / torch.where(total > 0, total, 1)
 
 
-def painted(image: Tensor, weight: Tensor | None) -> Tensor:
+def fill_background(image: Tensor, weight: Tensor | None) -> Tensor:
     """``image`` (N, C, H, W) with white, the background, wherever ``weight`` (N, 1, H, W) is 0.
 
     Windows and receptive fields look past the pixel where they stand; painting both sides alike keeps what does not

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from kfit.core import Evaluate, Evaluation, Optimizer, Variables
 from kfit.core.check import check_dict, check_list, check_names, check_positive, check_range
-from kfit.core.rows import beside
+from kfit.core.rows import broadcast_rows
 
 
 class Adam(Optimizer):
@@ -102,7 +102,7 @@ def moved(
     square = {k: high * memory["square"][k] + (1 - high) * g.square() for k, g in gradient.items()}
     new = {}
     for name, tensor in raw.items():
-        rows, rate = beside(count, tensor), rates[name]
+        rows, rate = broadcast_rows(count, tensor), rates[name]
         step = (mean[name] / (1 - low**rows)) / ((square[name] / (1 - high**rows)).sqrt() + 1e-8)
-        new[name] = tensor - (beside(rate, tensor) if isinstance(rate, Tensor) else rate) * step
+        new[name] = tensor - (broadcast_rows(rate, tensor) if isinstance(rate, Tensor) else rate) * step
     return new, {"mean": mean, "square": square, "count": count}

@@ -10,13 +10,13 @@ from typing import Any
 import cv2
 import numpy as np
 import torch
+from kfit.segmentation.object_mask import ObjectMask
 from numpy.typing import NDArray
 
 from kfit.features.category_classifier import NAMES, CategoryClassifier, object_square
 from kfit.geometry import CATEGORIES
 from kfit.segmentation import Segment
 from kfit.segmentation.object_detector import CLASSES, ObjectDetector, iou
-from kfit.segmentation.object_mask import ObjectMask
 
 # Classes of the detector that are of a category.
 DETECTED = {"bottle": ("Bottle",), "camera": ("Camera",), "laptop": ("Laptop",), "mug": ("Mug", "Coffee cup")}

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from PIL import Image, ImageOps, UnidentifiedImageError
 from torch import Tensor
 
-from kfit.core.quiet import quiet
 from kfit.geometry import intrinsics_from_exif, was_cropped
+from kfit.runtime.ignored_warnings import ignore_warnings
 from kfit.segmentation.clean_mask import binary_mask
 from kfit.segmentation.file_kinds import check_is_file, is_heif, register_heif, unreadable
 
@@ -168,7 +168,7 @@ def _open(path: str | Path) -> tuple[Image.Image, dict[int, object]]:
         register_heif()
     try:
         # Pillow warns of large pictures, which are measured below, and of EXIF tags that it cannot read.
-        with quiet(), Image.open(path, formats=KINDS) as picture:
+        with ignore_warnings(), Image.open(path, formats=KINDS) as picture:
             size, kind = picture.size, picture.format
             if max(size) > LARGEST_SIDE:
                 raise Image.DecompressionBombError
