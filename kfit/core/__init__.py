@@ -19,7 +19,6 @@ from kfit.core.frozen import frozen
 from kfit.core.result import FitResult, History
 from kfit.core.state import Evaluation, FitState, Observation, Rendering
 from kfit.core.variables import Angle, Bounded, Positive, Real, Space, Variable, Variables
-from kfit.geometry.pose_network import PoseNetwork
 
 __all__ = [
     "Angle",
@@ -37,7 +36,6 @@ __all__ = [
     "Initializer",
     "Observation",
     "Optimizer",
-    "PoseNetwork",
     "Positive",
     "Prior",
     "Real",

@@ -90,6 +90,13 @@ class FitPipeline(nn.Module):
                 raise ValueError(f"num_candidates must be at least num_starts, {num_starts}, got {num_candidates}")
         if not energies:
             raise ValueError("energies must name at least one energy, got none")
+        for name in energies:
+            # `ModuleDict` keeps its modules as attributes beside its own.
+            if not isinstance(name, str) or not name or "." in name or hasattr(nn.ModuleDict(), name):
+                raise ValueError(
+                    f"energies: an energy cannot be named {name!r}; names are not empty, have no dot, and are none of "
+                    "PyTorch's own, such as 'keys' and 'training'"
+                )
         for name, given, check in (("weights", weights, _check_weight), ("rank_weights", rank_weights, check_range)):
             if given is not None:
                 check_dict(name, given, check)

@@ -48,8 +48,8 @@ def intrinsics_from_fov(width: int, height: int, fov_deg: float = 60.0) -> Tenso
 def intrinsics_from_exif(tags: Mapping[int, Any], width: int, height: int) -> Tensor | None:
     """Intrinsics by a photo's EXIF tags, or None where they do not tell.
 
-    By FocalLengthIn35mmFilm F, which compares *diagonals* (CIPA DCG-001), f = F · √(w² + h²) / √(36² + 24²); where it is
-    missing, by FocalLength times FocalPlaneXResolution. Both hold for the photo as it was taken, of
+    By FocalLengthIn35mmFilm F, which compares *diagonals* (CIPA DCG-001), f = F · √(w² + h²) / √(36² + 24²), or
+    without it by FocalLength times FocalPlaneXResolution. Both hold for the photo as it was taken, of
     w × h = PixelXDimension × PixelYDimension pixels. One of the same proportions has been scaled since, and f with it;
     one of other proportions has been cropped, and f stays (see `was_cropped`).
 

@@ -10,8 +10,11 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from kfit.geometry import intrinsics_from_fov
-from kfit.models.check_intrinsics import check_intrinsics
+from kfit.pose.check_intrinsics import check_intrinsics
 from kfit.segmentation import GrabCut, Segment, Segmenter, binary_mask, clean_mask
+
+# How far arithmetic may have taken colours out of [0, 1].
+ROUNDING = 1e-3
 
 
 def as_numbers(name: str, value: Any) -> NDArray[Any]:
@@ -42,9 +45,11 @@ def as_photo(image: NDArray[Any]) -> NDArray[np.float32]:
         return pixels.astype(np.float32) / np.float32(255)
     if not np.issubdtype(pixels.dtype, np.floating):
         raise ValueError(f"image must be uint8 or floating point in [0, 1], got {pixels.dtype}")
-    if not (np.isfinite(pixels).all() and pixels.min() >= 0 and pixels.max() <= 1):
-        raise ValueError(f"image must lie in [0, 1], got numbers from {pixels.min():g} to {pixels.max():g}")
-    return pixels.astype(np.float32, copy=False)
+    least, most = pixels.min(), pixels.max()
+    if not (np.isfinite(pixels).all() and least >= -ROUNDING and most <= 1 + ROUNDING):
+        raise ValueError(f"image must lie in [0, 1], got numbers from {least:g} to {most:g}")
+    pixels = pixels.astype(np.float32, copy=False)
+    return pixels if least >= 0 and most <= 1 else pixels.clip(0, 1)
 
 
 def choose_mask(

@@ -13,8 +13,8 @@ from torch import Tensor
 from kfit.core import Observation
 from kfit.geometry import CATEGORIES, Crop, observed
 from kfit.geometry.crop import MARGIN
-from kfit.models.object_depth import object_depth
 from kfit.pose.inputs import as_depth, as_photo, choose_camera, choose_mask
+from kfit.pose.object_depth import object_depth
 from kfit.segmentation import Photo, Segmenter, load_segmenter, mask_from_alpha, read_photo
 
 # Of the notes with which an answer's confidence is held down.

@@ -17,7 +17,8 @@ from kfit.runtime.ignored_warnings import ignore_warnings
 from kfit.segmentation.clean_mask import binary_mask
 from kfit.segmentation.file_kinds import check_is_file, is_heif, register_heif, unreadable
 
-LARGEST_SIDE = 10_000
+# Pixels of a side, and of a picture: phones take 64 megapixels, which are a gigabyte of memory while they are read.
+LARGEST_SIDE, LARGEST_PICTURE = 10_000, 65_000_000
 # Pillow reads more kinds, whatever a file is called; PostScript among them, a program that it has Ghostscript run.
 KINDS = ("AVIF", "BMP", "DIB", "GIF", "HEIF", "JPEG", "JPEG2000", "PNG", "PPM", "TGA", "TIFF", "WEBP")
 # Of these, the ones that blur zeros into small numbers.
@@ -26,7 +27,7 @@ CROPPED = (
     "by its EXIF tags the photo was cropped after it was taken: it is assumed to be the middle of that photo, and not "
     "scaled; distance and direction depend on it"
 )
-_EXIF_DIRECTORY = 0x8769
+_EXIF_DIRECTORY, _TIFF_COLOURS, _YCBCR = 0x8769, 262, 6
 
 
 @dataclass(frozen=True)
@@ -55,22 +56,26 @@ def read_photo(path: str | Path) -> Photo:
     Raises:
         FileNotFoundError: if there is no such file.
         ImportError: for a HEIC picture without the package that decodes it.
-        ValueError: if it is no image, is damaged, or has more than 10,000 pixels on a side.
+        ValueError: if it is no image, is damaged, or has more than 10,000 pixels on a side or 65 megapixels.
     """
     picture, tags = _open(path)
     height, width = picture.height, picture.width
     alpha: NDArray[np.float32] | None = None
-    if picture.has_transparency_data:
-        picture = picture.convert("RGBA")
-        alpha = np.asarray(picture.getchannel("A"), np.float32) / np.float32(255)
     if picture.mode.startswith("I"):
-        # Pillow's own conversion would cut 16 bits off at 255.
-        grey = (np.asarray(picture, np.float32) / 65535).clip(0, 1)
+        # Pillow's own conversions would cut 16 bits off at 255.
+        values = np.asarray(picture)
+        if (clear := picture.info.get("transparency")) is not None:
+            alpha = (values != clear).astype(np.float32)
+        grey = (values.astype(np.float32) / np.float32(65535)).clip(0, 1)
         image = np.repeat(grey[..., None], 3, 2)
     elif picture.mode == "F":
         raise ValueError(f"{path} holds floating-point numbers of unknown range, not a photo")
     else:
-        image = np.asarray(picture.convert("RGB"), np.float32) / 255
+        if picture.has_transparency_data:
+            picture = picture.convert("RGBA")
+            alpha = np.asarray(picture.getchannel("A"), np.float32) / np.float32(255)
+        image = np.asarray(picture.convert("RGB"), np.float32)
+        image /= 255  # in place: a second one would be another gigabyte
     intrinsics = intrinsics_from_exif(tags, width, height)
     cropped = intrinsics is not None and was_cropped(tags, width, height)
     return Photo(image, alpha, intrinsics, (CROPPED,) * cropped)
@@ -163,27 +168,32 @@ def _is_grey(palette: Sequence[int]) -> bool:
 def _open(path: str | Path) -> tuple[Image.Image, dict[int, object]]:
     """The upright picture and its EXIF tags."""
     check_is_file(path)
-    size = None
+    size, colours = None, None
     if is_heif(path):
         register_heif()
     try:
         # Pillow warns of large pictures, which are measured below, and of EXIF tags that it cannot read.
         with ignore_warnings(), Image.open(path, formats=KINDS) as picture:
             size, kind = picture.size, picture.format
-            if max(size) > LARGEST_SIDE:
+            colours = getattr(picture, "tag_v2", {}).get(_TIFF_COLOURS)
+            if max(size) > LARGEST_SIDE or size[0] * size[1] > LARGEST_PICTURE:
                 raise Image.DecompressionBombError
             exif = picture.getexif()
             tags = {**exif, **exif.get_ifd(_EXIF_DIRECTORY)}
             picture.load()
             upright = ImageOps.exif_transpose(picture)
     except Image.DecompressionBombError as error:
-        has = f"{size[0]} x {size[1]} pixels, more than" if size else "far more pixels than"
-        raise ValueError(f"{path} has {has} {LARGEST_SIDE:,} on a side") from error
+        has = f"{size[0]} x {size[1]} pixels" if size else "far too many pixels"
+        raise ValueError(
+            f"{path} has {has}; at most {LARGEST_SIDE:,} on a side and {LARGEST_PICTURE // 1_000_000} million are read"
+        ) from error
     except (UnidentifiedImageError, PermissionError) as error:
         raise ValueError(unreadable(path)) from error
     except MemoryError:
         raise
     except Exception as error:  # Pillow raises whatever its many parsers raise
+        if colours == _YCBCR:  # Pillow reads them from JPEG-compressed TIFFs alone
+            raise ValueError(f"{path} is damaged, or a TIFF of YCbCr colours, which is to be saved as RGB") from error
         raise ValueError(f"{path} is damaged or cut short") from error
     upright.format = kind
     return upright, tags

@@ -18,10 +18,11 @@ from lightning.pytorch.cli import LightningArgumentParser, LightningCLI
 from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger
 
 from kfit.geometry.categories import CATEGORIES, Category
+from kfit.runtime.class_paths import current_path, current_paths, read_old_paths
 from kfit.runtime.console import see_working_folder, session
 from kfit.runtime.help_page import HelpPage
 from kfit.runtime.parse_errors import sentence
-from kfit.runtime.recipe_limits import check_recipe
+from kfit.runtime.recipe_limits import check_recipe, no_exit
 from kfit.training import AtomicCheckpoints, ConditionalVAE, PictureGrid
 
 # Arguments of the model's parts that the category of the data decides, where a part has such an argument.
@@ -54,11 +55,19 @@ NEEDLESS_ELSEWHERE = (
 )
 
 
+class _Parser(LightningArgumentParser):
+    """Understands class paths of earlier versions in the hyperparameters of checkpoints too."""
+
+    def parse_object(self, cfg_obj: Any, *args: Any, **kwargs: Any) -> Any:
+        return super().parse_object(current_paths(cfg_obj), *args, **kwargs)
+
+
 class _CLI(LightningCLI):
     def parse_arguments(self, parser: LightningArgumentParser, args: Any) -> None:
         """Understand the words, or raise a ValueError of one sentence."""
         try:
-            super().parse_arguments(parser, args)
+            with no_exit():
+                super().parse_arguments(parser, args)
         except (ArgumentError, TypeError) as error:
             command = " ".join(["kfit", *(word for word in args[:1] if word in COMMANDS)])
             told = sentence(str(error))
@@ -70,7 +79,8 @@ class _CLI(LightningCLI):
     def instantiate_classes(self) -> None:
         """Build the parts; of what one of them refuses, the sentence that it says."""
         try:
-            super().instantiate_classes()
+            with no_exit():
+                super().instantiate_classes()
         except ValueError as error:
             raise ValueError(sentence(str(error))) from error
 
@@ -131,6 +141,7 @@ def run(words: Sequence[str], callbacks: Sequence[Callback] = ()) -> None:
         if (before in ("-c", "--config") or place.endswith((".yaml", ".yml"))) and Path(place).is_file():
             check_recipe(place)
     see_working_folder()
+    read_old_paths()
     # It would be said of all words that are not the process's own to the letter.
     warnings.filterwarnings("ignore", message="LightningCLI's args parameter")
     for needless in NEEDLESS + (() if words[:1] == ["fit"] else NEEDLESS_ELSEWHERE):
@@ -150,6 +161,7 @@ def run(words: Sequence[str], callbacks: Sequence[Callback] = ()) -> None:
         seed_everything_default=0,
         trainer_defaults=defaults or None,
         save_config_kwargs={"overwrite": True},
+        parser_class=_Parser,
         # The usage that would be listed otherwise names some eighty options.
         parser_kwargs={
             "prog": "kfit",
@@ -164,7 +176,7 @@ def run(words: Sequence[str], callbacks: Sequence[Callback] = ()) -> None:
                 for name, example in COMMANDS.items()
             },
         },
-        args=list(words),
+        args=[current_path(word) for word in words],
     )
 
 

@@ -1,6 +1,8 @@
 """Frames read from clips and folders."""
 
 import os
+import resource
+import struct
 
 import cv2
 import numpy as np
@@ -101,6 +103,16 @@ def test_what_cannot_be_read_gets_one_sentence(tmp_path):
     imsave(tmp_path / "one.png", np.zeros((8, 8, 3), np.uint8), check_contrast=False)
     with pytest.raises(ValueError, match="is one picture"):
         Frames.of(tmp_path / "one.png")
+
+
+def test_a_clip_of_huge_frames_is_refused_before_one_is_decoded(tmp_path):
+    size = struct.pack("<HH", 16000, 16000)
+    path = tmp_path / "huge.gif"
+    path.write_bytes(b"GIF89a" + size + b"\x80\0\0\0\0\0\xff\xff\xff,\0\0\0\0" + size + b"\0\2\2D\1\0;")
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(ValueError, match=r"huge\.gif has frames of 16000 x 16000 pixels, more than 65 megapixels"):
+        Frames.of(path)
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 100_000  # kilobytes
 
 
 def test_a_frame_of_another_size_is_named(tmp_path):

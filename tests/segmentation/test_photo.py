@@ -98,11 +98,35 @@ def test_half_a_file_is_damaged(tmp_path: Path, name: str) -> None:
 
 def test_a_picture_too_large_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = saved(tmp_path, "a.png", Image.new("1", (10_001, 4)))
-    with pytest.raises(ValueError, match="has 10001 x 4 pixels, more than 10,000 on a side"):
+    with pytest.raises(ValueError, match="has 10001 x 4 pixels; at most 10,000 on a side and 65 million are read"):
         read_photo(path)
     monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 1000)
-    with pytest.raises(ValueError, match="has far more pixels than 10,000 on a side"):
+    with pytest.raises(ValueError, match="has far too many pixels; at most"):
         read_photo(path)
+
+
+def test_a_clear_grey_of_sixteen_bits_becomes_alpha_and_the_others_stay(tmp_path: Path) -> None:
+    grey = np.array([[0, 1000, 30000], [65535, 400, 50000]], np.uint16)
+    read = read_photo(saved(tmp_path, "a.png", Image.fromarray(grey), transparency=400))
+    np.testing.assert_allclose(read.image[..., 0], grey / 65535, atol=1e-6)
+    assert read.alpha is not None
+    np.testing.assert_array_equal(read.alpha, grey != 400)
+
+
+def test_a_tiff_of_colours_that_cannot_be_read_is_not_just_called_damaged(tmp_path: Path) -> None:
+    path = saved(tmp_path, "a.tif", Image.fromarray(RGB).convert("YCbCr"))
+    with pytest.raises(ValueError, match=r"a\.tif is damaged, or a TIFF of YCbCr colours, which is to be saved as RGB"):
+        read_photo(path)
+
+
+def test_a_cropped_photo_says_what_its_camera_rests_on(tmp_path: Path) -> None:
+    tags = Image.Exif()
+    tags[0x112] = 1
+    tags.get_ifd(0x8769).update({0xA405: 27, 0xA002: 12, 0xA003: 6})
+    read = read_photo(saved(tmp_path, "a.png", Image.fromarray(RGB), exif=tags))
+    assert read.intrinsics is not None
+    assert float(read.intrinsics[0, 0]) == pytest.approx(27 * 180**0.5 / 43.267, abs=1e-3)
+    assert "cropped" in read.camera_notes[0]
 
 
 def test_floating_point_numbers_are_no_photo(tmp_path: Path) -> None:

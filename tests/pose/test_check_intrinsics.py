@@ -1,7 +1,7 @@
 import pytest
 import torch
 
-from kfit.models.check_intrinsics import check_intrinsics
+from kfit.pose.check_intrinsics import check_intrinsics
 
 
 def checked(fx: float, fy: float, x: float, y: float, size: tuple[int, int] = (640, 480)) -> tuple[str, str]:

@@ -3,7 +3,7 @@ import pytest
 import torch
 
 from kfit.geometry import CATEGORIES
-from kfit.models.object_depth import object_depth, wrong_size
+from kfit.pose.object_depth import object_depth, wrong_size
 
 CAMERA = torch.tensor([[600.0, 0, 320], [0, 600, 240], [0, 0, 1]], dtype=torch.float64)
 MUG = CATEGORIES["mug"]
