@@ -10,33 +10,43 @@ from typing import Any
 import cv2
 import numpy as np
 import torch
-from kfit.segmentation.object_mask import ObjectMask
 from numpy.typing import NDArray
 
 from kfit.features.category_classifier import NAMES, CategoryClassifier, object_square
 from kfit.geometry import CATEGORIES
-from kfit.segmentation import Segment
+from kfit.segmentation import Box, Segment, Segmenter
 from kfit.segmentation.object_detector import CLASSES, ObjectDetector, iou
+from kfit.segmentation.object_mask import ObjectMask
 
 # Classes of the detector that are of a category.
 DETECTED = {"bottle": ("Bottle",), "camera": ("Camera",), "laptop": ("Laptop",), "mug": ("Mug", "Coffee cup")}
-# Margins, in longer sides of a box, with which the classifier sees an object; its features are averaged.
+# Its classes of things of another size, whose boxes tell nothing about the place of an object.
+SURROUNDINGS = ("Person", "Chair", "Cattle", "Desk", "Cat", "Stationary bicycle", "Table", "Dog", "Bicycle", "Book")
+# Margins, in longer sides of a box, with which the classifier sees an object; its log-probabilities are averaged.
 MARGINS = (0.1, 0.25)
-# What stands out and has this share of the photo may be an object.
-LEAST_PART = 0.005
+# What stands out and has this share of the photo may be an object, as likely as a box of this score.
+LEAST_PART, PART_SCORE = 0.005, 0.3
 # Boxes of fewer pixels a side, or of a smaller share of the photo's longer side, hold too little.
-LEAST_SIDE, LEAST_SHARE = 16, 0.03
+LEAST_SIDE, LEAST_SHARE = 12, 0.03
 # A detector's score of 0.1 says nothing; of its logarithm above that, this much adds to the classifier's.
 SILENT, DETECTOR_WEIGHT = 0.1, 0.5
-# Least probability of a category for an object to be reported.
-LEAST_PROBABILITY = 0.5
+# An object is reported from this probability of its category, and from this product of it with the box's score. Where
+# there is none, one of lower numbers is, as a guess.
+PROBABLE, SEEN = 0.5, 0.1
+GUESS, GUESS_SEEN = 0.25, 0.03
+# A mask whose box has less IoU with the box it was looked for in shows another thing.
+AGREES = 0.4
+# A box that fits what stands out by this IoU frames it.
+SALIENT = 0.6
 # Two boxes of this IoU, or one inside the other by this share and of one category, hold one object.
-SAME, INSIDE = 0.5, 0.8
+SAME, INSIDE = 0.4, 0.7
+# Boxes of the detector are off by about this share of their sides.
+SLACK = 0.06
 
 
 @dataclass(frozen=True)
-class FoundObject:
-    """An object in a photo.
+class FoundObject(Segmenter):
+    """An object in a photo; as a segmenter it is its own mask.
 
     Attributes:
         category: one of `kfit.geometry.CATEGORIES`.
@@ -47,8 +57,11 @@ class FoundObject:
 
     category: str
     score: float
-    box: tuple[float, float, float, float]
+    box: Box
     segment: Segment
+
+    def __call__(self, image: NDArray[np.float32], category: str, box: Box | None = None) -> Segment:
+        return self.segment
 
 
 class ObjectFinder:
@@ -74,39 +87,53 @@ class ObjectFinder:
         return ObjectMask()
 
     def find(self, image: NDArray[np.float32], categories: Sequence[str] = tuple(CATEGORIES)) -> list[FoundObject]:
-        """Find all objects of some categories in a photo (H, W, 3), RGB in [0, 1]; the most probable first."""
-        boxes, scores = self.candidates(image)
-        probabilities = self.probabilities(image, boxes, scores)
-        wanted = [NAMES.index(name) for name in categories]
-        best = probabilities[:, wanted].max(1) if len(boxes) else np.zeros(0)
-        kinds = [categories[int(row.argmax())] for row in probabilities[:, wanted]]
-        found: list[FoundObject] = []
-        for number in np.argsort(-best, kind="stable"):
-            if best[number] < LEAST_PROBABILITY:
-                break
-            taken = np.array([_corners(other.box) for other in found]).reshape(-1, 4)
-            segment = self._segment(image, boxes[number], kinds[number])
-            if segment is None:
-                continue
-            box = _corners(box_of(segment.mask))
-            if self._is_other(np.array([boxes[number], box]), kinds[number], taken, found):
-                found.append(FoundObject(kinds[number], float(best[number]), box_of(segment.mask), segment))
-        return found
+        """Find all objects of some categories in a photo (H, W, 3), RGB in [0, 1]; those seen best first.
 
-    def candidates(self, image: NDArray[np.float32]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Boxes (N, 4), left, top, right, bottom, and what the detector scores its 23 classes there (N, 23)."""
+        Where no object is probable, the likeliest may be given, with a score below one half.
+        """
+        boxes, scores, seen = self.candidates(image)
+        wanted = [NAMES.index(name) for name in categories]
+        shares = self.probabilities(image, boxes, scores)[:, wanted]
+        best = shares.max(1, initial=0)
+        rank = best * seen
+        for probable, least in ((PROBABLE, SEEN), (GUESS, GUESS_SEEN)):
+            found: list[FoundObject] = []
+            for number in np.argsort(-rank, kind="stable"):
+                if best[number] < probable or rank[number] < least:
+                    continue
+                category = categories[int(shares[number].argmax())]
+                one = self._cut_out(image, boxes[number], category, float(best[number]))
+                if one is not None and _is_new(one, boxes[number], found):
+                    found.append(one)
+                if found and probable == GUESS:
+                    break
+            if found:
+                return found
+        return []
+
+    def candidates(
+        self, image: NDArray[np.float32]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Boxes (N, 4), left, top, right, bottom, the detector's scores of its 23 classes there (N, 23), and how surely
+        each box frames an object at all (N,)."""
         proposals = self._detector(image)
         boxes, scores = [*proposals.boxes], [*proposals.scores]
+        framing = proposals.scores[:, [name not in SURROUNDINGS for name in CLASSES]].max(1, initial=0)
         there = (self._mask.salient.saliency(image) > 0.5).astype(np.uint8)
         _, _, stats, _ = cv2.connectedComponentsWithStats(there)
         for left, top, width, height, area in stats[1:].tolist():
             box = np.array([left, top, left + width, top + height], np.float64)
-            if area >= LEAST_PART * there.size and not (iou(box[None], proposals.boxes) > SAME).any():
+            if area < LEAST_PART * there.size:
+                continue
+            same = iou(box[None], proposals.boxes)[0] > SALIENT
+            framing[: len(same)][same] = np.maximum(framing[: len(same)][same], PART_SCORE)
+            if not same.any():
                 boxes.append(box)
                 scores.append(np.zeros(len(CLASSES)))
+                framing = np.append(framing, PART_SCORE)
         kept = np.array(boxes).reshape(-1, 4)
         large = (kept[:, 2:] - kept[:, :2]).min(1, initial=np.inf) >= max(LEAST_SIDE, LEAST_SHARE * max(there.shape))
-        return kept[large], np.array(scores).reshape(-1, len(CLASSES))[large]
+        return kept[large], np.array(scores).reshape(-1, len(CLASSES))[large], framing[large]
 
     def probabilities(
         self, image: NDArray[np.float32], boxes: NDArray[Any], scores: NDArray[Any] | None = None
@@ -134,37 +161,44 @@ class ObjectFinder:
         shares = np.exp(logits - logits.max(1, keepdims=True))
         return np.asarray(shares / shares.sum(1, keepdims=True), np.float64)
 
-    def _segment(self, image: NDArray[np.float32], corners: NDArray[Any], category: str) -> Segment | None:
-        left, top, right, bottom = corners.tolist()
+    def _cut_out(
+        self, image: NDArray[np.float32], corners: NDArray[Any], category: str, score: float
+    ) -> FoundObject | None:
+        """The object in a box of the detector, which may be off; None where what stands out there is another thing."""
+        reach = SLACK * np.tile(corners[2:] - corners[:2], 2) * (-1, -1, 1, 1)
+        left, top, right, bottom = (corners + reach).tolist()
         try:
-            return self._mask(image, category, (left, top, right - left, bottom - top))
-        except ValueError:  # nothing stands out there
+            segment = self._mask(image, category, (left, top, right - left, bottom - top))
+        except ValueError:  # nothing stands out
             return None
+        box = box_of(segment.mask)
+        if iou(corners[None], _corners(box)[None]).item() < AGREES:
+            return None
+        return FoundObject(category, score, box, segment)
 
-    @staticmethod
-    def _is_other(
-        candidates: NDArray[Any], category: str, taken: NDArray[np.float64], found: Sequence[FoundObject]
-    ) -> bool:
-        """Whether a box, as detected and as cut out (2, 4), holds another object than those that were found (M, 4)."""
-        if not len(taken):
-            return True
-        if (iou(candidates, taken) > SAME).any():
+
+def _is_new(one: FoundObject, corners: NDArray[Any], found: Sequence[FoundObject]) -> bool:
+    """Whether an object, by its box as it was detected and as it was cut out, is none of those that were found."""
+    mine = np.array([corners, _corners(one.box)])
+    for other in found:
+        theirs = _corners(other.box)[None]
+        if (iou(mine, theirs) > SAME).any():
             return False
-        low, high = np.maximum(candidates[:, None, :2], taken[:, :2]), np.minimum(candidates[:, None, 2:], taken[:, 2:])
-        common = (high - low).clip(0).prod(2)
-        areas = [(boxes[:, 2:] - boxes[:, :2]).prod(1) for boxes in (candidates, taken)]
-        inside = common / np.minimum(areas[0][:, None], areas[1][None])
-        alike = np.array([other.category == category for other in found])
-        return not (inside[:, alike] > INSIDE).any()
+        low, high = np.maximum(mine[:, :2], theirs[:, :2]), np.minimum(mine[:, 2:], theirs[:, 2:])
+        areas = [(boxes[:, 2:] - boxes[:, :2]).prod(1) for boxes in (mine, theirs)]
+        inside = (high - low).clip(0).prod(1) / np.minimum(*areas)
+        if other.category == one.category and (inside > INSIDE).any():
+            return False
+    return True
 
 
-def box_of(mask: NDArray[Any]) -> tuple[float, float, float, float]:
+def box_of(mask: NDArray[Any]) -> Box:
     """Left, top, width and height of a mask's box."""
     left, top, width, height = cv2.boundingRect((np.asarray(mask) > 0.5).astype(np.uint8))
     return float(left), float(top), float(width), float(height)
 
 
-def _corners(box: tuple[float, float, float, float]) -> NDArray[np.float64]:
+def _corners(box: Box) -> NDArray[np.float64]:
     return np.array([box[0], box[1], box[0] + box[2], box[1] + box[3]])
 
 

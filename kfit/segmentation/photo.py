@@ -20,7 +20,7 @@ from kfit.segmentation.file_kinds import check_is_file, is_heif, register_heif, 
 # Pixels of a side, and of a picture: phones take 64 megapixels, which are a gigabyte of memory while they are read.
 LARGEST_SIDE, LARGEST_PICTURE = 10_000, 65_000_000
 # Pillow reads more kinds, whatever a file is called; PostScript among them, a program that it has Ghostscript run.
-KINDS = ("AVIF", "BMP", "DIB", "GIF", "HEIF", "JPEG", "JPEG2000", "PNG", "PPM", "TGA", "TIFF", "WEBP")
+KINDS = ("AVIF", "BMP", "DIB", "GIF", "JPEG", "JPEG2000", "PNG", "PPM", "TGA", "TIFF", "WEBP")
 # Of these, the ones that blur zeros into small numbers.
 LOSSY = ("AVIF", "HEIF", "JPEG", "JPEG2000", "MPO", "WEBP")
 CROPPED = (
@@ -50,8 +50,8 @@ class Photo:
 def read_photo(path: str | Path) -> Photo:
     """Read a photo, with 8 or 16 bits, grey, of a palette or CMYK, with or without alpha.
 
-    Its file is of one of the ``KINDS``, as JPEG, PNG, WebP, AVIF and TIFF are; HEIC needs the extra ``kfit[heif]``. The
-    EXIF rotation is carried out. Of a file with several pictures the first is read.
+    Its file is of one of the ``KINDS``, as JPEG, PNG, WebP, AVIF and TIFF are, or HEIC, which needs the extra
+    ``kfit[heif]``. The EXIF rotation is carried out. Of a file with several pictures the first is read.
 
     Raises:
         FileNotFoundError: if there is no such file.
@@ -168,12 +168,13 @@ def _is_grey(palette: Sequence[int]) -> bool:
 def _open(path: str | Path) -> tuple[Image.Image, dict[int, object]]:
     """The upright picture and its EXIF tags."""
     check_is_file(path)
-    size, colours = None, None
+    size, colours, kinds = None, None, KINDS
     if is_heif(path):
         register_heif()
+        kinds = ("HEIF",)
     try:
         # Pillow warns of large pictures, which are measured below, and of EXIF tags that it cannot read.
-        with ignore_warnings(), Image.open(path, formats=KINDS) as picture:
+        with ignore_warnings(), Image.open(path, formats=kinds) as picture:
             size, kind = picture.size, picture.format
             colours = getattr(picture, "tag_v2", {}).get(_TIFF_COLOURS)
             if max(size) > LARGEST_SIDE or size[0] * size[1] > LARGEST_PICTURE:
