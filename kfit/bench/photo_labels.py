@@ -166,7 +166,7 @@ def _filled(category: str, size: NDArray[np.float64]) -> NDArray[np.float64]:
         radius_x, radius_z = (x, z) if category in ROUND else (min(x, z), min(x, z))
         middle = 0.0 if category in ROUND else radius_x - x
         ring = np.stack([middle + radius_x * np.cos(turn), np.zeros(90), radius_z * np.sin(turn)], 1)
-        body = np.concatenate([ring + (0, -y, 0), ring + (0, y, 0)])
+        body = np.concatenate([ring - np.array([0, y, 0]), ring + np.array([0, y, 0])])
         handle = [(x, -y / 2, 0), (x, y / 2, 0)] if category == "mug" else np.zeros((0, 3))
         return np.concatenate([body, handle])
     corners = np.array([(a, b, c) for a in (-x, x) for b in (-y, y) for c in (-z, z)])

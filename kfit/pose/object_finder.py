@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from kfit.features.category_classifier import NAMES, CategoryClassifier, object_square
 from kfit.geometry import CATEGORIES
-from kfit.segmentation import Box, Segment, Segmenter
+from kfit.segmentation import Box, OnnxNetwork, SalientObject, Segment, Segmenter
 from kfit.segmentation.object_detector import CLASSES, ObjectDetector, iou
-from kfit.segmentation.object_mask import ObjectMask
+from kfit.segmentation.salient_object import U2NET
 
 # Classes of the detector that are of a category.
 DETECTED = {"bottle": ("Bottle",), "camera": ("Camera",), "laptop": ("Laptop",), "mug": ("Mug", "Coffee cup")}
@@ -83,8 +83,8 @@ class ObjectFinder:
         return ObjectDetector()
 
     @cached_property
-    def _mask(self) -> ObjectMask:
-        return ObjectMask()
+    def _salient(self) -> SalientObject:
+        return SalientObject(OnnxNetwork(U2NET))
 
     def find(self, image: NDArray[np.float32], categories: Sequence[str] = tuple(CATEGORIES)) -> list[FoundObject]:
         """Find all objects of some categories in a photo (H, W, 3), RGB in [0, 1]; those seen best first.
@@ -102,9 +102,10 @@ class ObjectFinder:
                 if best[number] < probable or rank[number] < least:
                     continue
                 category = categories[int(shares[number].argmax())]
-                one = self._cut_out(image, boxes[number], category, float(best[number]))
-                if one is not None and _is_new(one, boxes[number], found):
-                    found.append(one)
+                if _is_new(boxes[number], category, found):
+                    one = self._cut_out(image, boxes[number], category, float(best[number]))
+                    if one is not None and _is_new(_corners(one.box), category, found):
+                        found.append(one)
                 if found and probable == GUESS:
                     break
             if found:
@@ -119,7 +120,7 @@ class ObjectFinder:
         proposals = self._detector(image)
         boxes, scores = [*proposals.boxes], [*proposals.scores]
         framing = proposals.scores[:, [name not in SURROUNDINGS for name in CLASSES]].max(1, initial=0)
-        there = (self._mask.salient.saliency(image) > 0.5).astype(np.uint8)
+        there = (self._salient.saliency(image) > 0.5).astype(np.uint8)
         _, _, stats, _ = cv2.connectedComponentsWithStats(there)
         for left, top, width, height, area in stats[1:].tolist():
             box = np.array([left, top, left + width, top + height], np.float64)
@@ -168,7 +169,7 @@ class ObjectFinder:
         reach = SLACK * np.tile(corners[2:] - corners[:2], 2) * (-1, -1, 1, 1)
         left, top, right, bottom = (corners + reach).tolist()
         try:
-            segment = self._mask(image, category, (left, top, right - left, bottom - top))
+            segment = self._salient(image, category, (left, top, right - left, bottom - top))
         except ValueError:  # nothing stands out
             return None
         box = box_of(segment.mask)
@@ -177,17 +178,14 @@ class ObjectFinder:
         return FoundObject(category, score, box, segment)
 
 
-def _is_new(one: FoundObject, corners: NDArray[Any], found: Sequence[FoundObject]) -> bool:
-    """Whether an object, by its box as it was detected and as it was cut out, is none of those that were found."""
-    mine = np.array([corners, _corners(one.box)])
+def _is_new(corners: NDArray[Any], category: str, found: Sequence[FoundObject]) -> bool:
+    """Whether a box holds an object of a category that is none of those that were found."""
     for other in found:
-        theirs = _corners(other.box)[None]
-        if (iou(mine, theirs) > SAME).any():
-            return False
+        mine, theirs = corners[None], _corners(other.box)[None]
         low, high = np.maximum(mine[:, :2], theirs[:, :2]), np.minimum(mine[:, 2:], theirs[:, 2:])
-        areas = [(boxes[:, 2:] - boxes[:, :2]).prod(1) for boxes in (mine, theirs)]
-        inside = (high - low).clip(0).prod(1) / np.minimum(*areas)
-        if other.category == one.category and (inside > INSIDE).any():
+        smaller = min(float((box[:, 2:] - box[:, :2]).prod()) for box in (mine, theirs))
+        inside = float((high - low).clip(0).prod()) / max(smaller, 1.0)
+        if iou(mine, theirs).item() > SAME or (other.category == category and inside > INSIDE):
             return False
     return True
 

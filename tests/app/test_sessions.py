@@ -33,7 +33,7 @@ def test_a_file_that_is_refused_is_deleted_too_and_what_was_there_stays(visit, u
     before = visit.photo
     path = upload(drawn_mug, "other.png")
     path.write_bytes(b"nothing")
-    with pytest.raises(ValueError, match="no JPEG, PNG or WebP"):
+    with pytest.raises(ValueError, match="no JPEG, PNG, WebP, AVIF or HEIC"):
         visit.take(path)
     assert not path.exists()
     assert visit.photo is before
