@@ -16,7 +16,7 @@ from kfit.features.category_classifier import NAMES, CategoryClassifier, object_
 from kfit.geometry import CATEGORIES
 from kfit.segmentation import Box, OnnxNetwork, SalientObject, Segment, Segmenter
 from kfit.segmentation.object_detector import CLASSES, ObjectDetector, iou
-from kfit.segmentation.salient_object import U2NET
+from kfit.segmentation.salient_object import SURROUND, U2NET
 
 # Classes of the detector that are of a category.
 DETECTED = {"bottle": ("Bottle",), "camera": ("Camera",), "laptop": ("Laptop",), "mug": ("Mug", "Coffee cup")}
@@ -161,6 +161,13 @@ class ObjectFinder:
                 logits[:, NAMES.index(category)] += DETECTOR_WEIGHT * np.log(np.maximum(score, SILENT) / SILENT)
         shares = np.exp(logits - logits.max(1, keepdims=True))
         return np.asarray(shares / shares.sum(1, keepdims=True), np.float64)
+
+    def salient_share(self, image: NDArray[np.float32], there: NDArray[np.bool_]) -> float:
+        """The share of a mask (H, W), not empty, that stands out in its box and a quarter around it."""
+        left, top, width, height = (round(part) for part in box_of(there))
+        across, down = round(SURROUND * width), round(SURROUND * height)
+        around = np.s_[max(0, top - down) : top + height + down, max(0, left - across) : left + width + across]
+        return float((self._salient.saliency(image[around]) > 0.5)[there[around]].mean())
 
     def _cut_out(
         self, image: NDArray[np.float32], corners: NDArray[Any], category: str, score: float

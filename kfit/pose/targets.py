@@ -19,6 +19,10 @@ from kfit.segmentation import Box, Detector, Photo, Segment, Segmenter, mask_fro
 NAMED = 4.0
 # Below this probability of its category an answer is doubtful, and its confidence at most as high.
 PROBABLE = 0.5
+# An object lies in a mask by this share of its own, and is one of several if it has between these shares of the mask.
+INSIDE, LEAST_PART = 0.7, 0.15
+# Least share of a mask that stands out from its surroundings.
+SALIENT = 0.3
 
 
 def find_targets(
@@ -58,6 +62,8 @@ def find_targets(
             if found or category is None:
                 return found
     segment = choose_mask(photo.image, mask, box, alpha, segmenter, category or "object")
+    if mask is not None:
+        segment = replace(segment, doubts=segment.doubts + _doubts(finder, photo, segment.mask))
     return [_classified(finder, photo, segment, category)]
 
 
@@ -83,6 +89,19 @@ def _detected(photo: Photo, detector: Detector) -> list[FoundObject]:
         if category is not None and mask.any():
             found.append(FoundObject(category, float(detections.scores[index]), box_of(mask), Segment(mask)))
     return found
+
+
+def _doubts(finder: ObjectFinder, photo: Photo, mask: NDArray[np.float32]) -> tuple[str, ...]:
+    """Sentences where a given mask shows several objects, or little that stands out from around it."""
+    there = mask > 0.5
+    parts = [one.segment.mask > 0.5 for one in finder.find(photo.image)]
+    within = [part for part in parts if (part & there).sum() > INSIDE * part.sum()]
+    several = [part for part in within if LEAST_PART < (part & there).sum() / there.sum() < INSIDE]
+    if len(several) > 1:
+        return (f"the mask seems to show {len(several)} objects; the confidence is 50 % at most",)
+    if finder.salient_share(photo.image, there) < SALIENT:
+        return ("the mask seems to show background for the most part; the confidence is 50 % at most",)
+    return ()
 
 
 def _classified(finder: ObjectFinder, photo: Photo, segment: Segment, category: str | None) -> FoundObject:
