@@ -22,8 +22,8 @@ from kfit.segmentation.salient_object import SURROUND, U2NET
 DETECTED = {"bottle": ("Bottle",), "camera": ("Camera",), "laptop": ("Laptop",), "mug": ("Mug", "Coffee cup")}
 # Its classes of things of another size, whose boxes tell nothing about the place of an object.
 SURROUNDINGS = ("Person", "Chair", "Cattle", "Desk", "Cat", "Stationary bicycle", "Table", "Dog", "Bicycle", "Book")
-# Margins, in longer sides of a box, with which the classifier sees an object; its log-probabilities are averaged.
-MARGINS = (0.1, 0.25)
+# Margin, in longer sides of a box, with which the classifier sees an object.
+MARGIN = 0.15
 # What stands out and has this share of the photo may be an object, as likely as a box of this score.
 LEAST_PART, PART_SCORE = 0.005, 0.3
 # Boxes of fewer pixels a side, or of a smaller share of the photo's longer side, hold too little.
@@ -34,6 +34,8 @@ SILENT, DETECTOR_WEIGHT = 0.1, 0.5
 # there is none, one of lower numbers is, as a guess.
 PROBABLE, SEEN = 0.5, 0.1
 GUESS, GUESS_SEEN = 0.25, 0.03
+# Of several, each has this share of the best one's product; parts of an object look like the whole.
+LEAST_OF_BEST = 0.2
 # A mask whose box has less IoU with the box it was looked for in shows another thing.
 AGREES = 0.4
 # A box that fits what stands out by this IoU frames it.
@@ -41,7 +43,7 @@ SALIENT = 0.6
 # Two boxes of this IoU, or one inside the other by this share and of one category, hold one object.
 SAME, INSIDE = 0.4, 0.7
 # Boxes of the detector are off by about this share of their sides.
-SLACK = 0.06
+SLACK = 0.03
 
 
 @dataclass(frozen=True)
@@ -96,8 +98,9 @@ class ObjectFinder:
         shares = self.probabilities(image, boxes, scores)[:, wanted]
         best = shares.max(1, initial=0)
         rank = best * seen
-        for probable, least in ((PROBABLE, SEEN), (GUESS, GUESS_SEEN)):
+        for probable, seen_by in ((PROBABLE, SEEN), (GUESS, GUESS_SEEN)):
             found: list[FoundObject] = []
+            least = max(seen_by, LEAST_OF_BEST * float(rank[best >= probable].max(initial=0)))
             for number in np.argsort(-rank, kind="stable"):
                 if best[number] < probable or rank[number] < least:
                     continue
@@ -148,13 +151,9 @@ class ObjectFinder:
         """
         if not len(boxes):
             return np.zeros((0, len(NAMES)))
-        classifier = _classifier()
         with torch.no_grad():
-            seen = [
-                classifier(torch.stack([object_square(image, box, margin) for margin in MARGINS])).mean(0)
-                for box in boxes
-            ]
-        logits = torch.stack(seen).double().numpy()
+            seen = _classifier()(torch.stack([object_square(image, box, MARGIN) for box in boxes]))
+        logits = seen.double().numpy()
         if scores is not None:
             for category, classes in DETECTED.items():
                 score = scores[:, [CLASSES.index(name) for name in classes]].max(1)

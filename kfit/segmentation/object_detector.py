@@ -27,10 +27,11 @@ LEAST_SCALE, GREATEST_SCALE = 0.2, 0.95
 RATIOS = (1.0, 2.0, 1 / 2, 3.0, 1 / 3)
 VARIANCES = np.array([10.0, 10.0, 5.0, 5.0])
 # Boxes of which nothing is learned: almost all photos have fewer objects, and the score is below that of background.
-MOST = 20
+MOST = 16
 LEAST_SCORE = 0.1
-# Two boxes that overlap by this IoU frame one object.
-SAME = 0.6
+# Of boxes that overlap by the first IoU the best is kept; it becomes the mean of those that overlap it by the second,
+# weighted by their scores (Gidaris and Komodakis, ICCV 2015).
+SAME, AGREEING = 0.6, 0.7
 
 
 @dataclass(frozen=True)
@@ -81,11 +82,15 @@ class ObjectDetector:
         corner_and_size = np.concatenate([boxes[likely, :2], boxes[likely, 2:] - boxes[likely, :2]], 1)
         kept: Any = cv2.dnn.NMSBoxes(corner_and_size.tolist(), best[likely].tolist(), LEAST_SCORE, SAME)
         kept = likely[np.asarray(kept, int).reshape(-1)[:MOST]]
-        same = iou(boxes[kept], boxes) >= SAME
-        highest = [scores[row].max(0) for row in same]
+        overlap = iou(boxes[kept], boxes)
+        highest = [scores[row >= SAME].max(0) for row in overlap]
+        mean = [
+            np.average(boxes[row >= AGREEING], 0, scores[row >= AGREEING, scores[index].argmax()])
+            for index, row in zip(kept, overlap, strict=True)
+        ]
         height, width = image.shape[:2]
         limits = np.array([width, height, width, height], np.float64)
-        return Proposals(boxes[kept].clip(0, limits), np.array(highest).reshape(-1, len(CLASSES)))
+        return Proposals(np.array(mean).reshape(-1, 4).clip(0, limits), np.array(highest).reshape(-1, len(CLASSES)))
 
     def _all(self, image: NDArray[np.float32]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """All boxes (A, 4) in pixels of the photo and their scores (A, 23)."""

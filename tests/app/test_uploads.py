@@ -71,7 +71,7 @@ def test_a_file_of_too_many_bytes_is_refused_before_it_is_opened(tmp_path, decod
     path.write_bytes(head_of_png(30, 20))
     with path.open("ab") as file:
         file.truncate(LARGEST_FILE + 1)
-    with pytest.raises(ValueError, match=r"^photo.png has 20.0 MB; the page takes pictures of at most 20$"):
+    with pytest.raises(ValueError, match=r"^photo.png has 64.0 MB; the page takes pictures of at most 64$"):
         read_upload(path)
     assert decoded == []
 

@@ -34,7 +34,7 @@ def test_boxes_lie_inside_the_photo_and_apart(detector: ObjectDetector) -> None:
     assert (found.boxes >= 0).all()
     assert (found.boxes <= (600, 400, 600, 400)).all()
     overlaps = iou(found.boxes, found.boxes) - np.eye(len(found.boxes))
-    assert overlaps.max() < 0.62  # clipping to the photo changes them a little
+    assert overlaps.max() < 0.7  # means of boxes overlap a little more than those they stand for
 
 
 def test_no_boxes_keep_their_shapes(detector: ObjectDetector, monkeypatch: pytest.MonkeyPatch) -> None:
