@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from kfit.features.category_classifier import NAMES, CategoryClassifier, object_square
+from kfit.features.category_classifier import NAMES, NONE, CategoryClassifier, object_square
 from kfit.geometry import CATEGORIES
 from kfit.segmentation import Box, OnnxNetwork, SalientObject, Segment, Segmenter
 from kfit.segmentation.object_detector import CLASSES, ObjectDetector, iou
@@ -20,6 +20,8 @@ from kfit.segmentation.salient_object import SURROUND, U2NET
 
 # Classes of the detector that are of a category.
 DETECTED = {"bottle": ("Bottle",), "camera": ("Camera",), "laptop": ("Laptop",), "mug": ("Mug", "Coffee cup")}
+# Its classes that speak for none of them.
+LIVING = ("Person", "Cattle", "Cat", "Dog")
 # Its classes of things of another size, whose boxes tell nothing about the place of an object.
 SURROUNDINGS = ("Person", "Chair", "Cattle", "Desk", "Cat", "Stationary bicycle", "Table", "Dog", "Bicycle", "Book")
 # Margin, in longer sides of a box, with which the classifier sees an object.
@@ -28,8 +30,9 @@ MARGIN = 0.15
 LEAST_PART, PART_SCORE = 0.005, 0.3
 # Boxes of fewer pixels a side, or of a smaller share of the photo's longer side, hold too little.
 LEAST_SIDE, LEAST_SHARE = 12, 0.03
-# A detector's score of 0.1 says nothing; of its logarithm above that, this much adds to the classifier's.
-SILENT, DETECTOR_WEIGHT = 0.1, 0.5
+# A detector's score of 0.1 says nothing; of its logarithm above that, this much adds to the classifier's, for a category
+# and for none.
+SILENT, DETECTOR_WEIGHT, LIVING_WEIGHT = 0.1, 0.5, 1.0
 # An object is reported from this probability of its category, and from this product of it with the box's score. Where
 # there is none, one of lower numbers is, as a guess.
 PROBABLE, SEEN = 0.5, 0.1
@@ -133,7 +136,7 @@ class ObjectFinder:
             framing[: len(same)][same] = np.maximum(framing[: len(same)][same], PART_SCORE)
             if not same.any():
                 boxes.append(box)
-                scores.append(np.zeros(len(CLASSES)))
+                scores.append(proposals.scores[iou(box[None], proposals.boxes)[0] > SAME].max(0, initial=0))
                 framing = np.append(framing, PART_SCORE)
         kept = np.array(boxes).reshape(-1, 4)
         large = (kept[:, 2:] - kept[:, :2]).min(1, initial=np.inf) >= max(LEAST_SIDE, LEAST_SHARE * max(there.shape))
@@ -155,9 +158,10 @@ class ObjectFinder:
             seen = _classifier()(torch.stack([object_square(image, box, MARGIN) for box in boxes]))
         logits = seen.double().numpy()
         if scores is not None:
-            for category, classes in DETECTED.items():
+            for category, classes in (DETECTED | {NONE: LIVING}).items():
                 score = scores[:, [CLASSES.index(name) for name in classes]].max(1)
-                logits[:, NAMES.index(category)] += DETECTOR_WEIGHT * np.log(np.maximum(score, SILENT) / SILENT)
+                weight = LIVING_WEIGHT if category == NONE else DETECTOR_WEIGHT
+                logits[:, NAMES.index(category)] += weight * np.log(np.maximum(score, SILENT) / SILENT)
         shares = np.exp(logits - logits.max(1, keepdims=True))
         return np.asarray(shares / shares.sum(1, keepdims=True), np.float64)
 
