@@ -10,6 +10,11 @@ ENDINGS = (".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tif", ".tiff", ".avif", "
 ASIDE = ("_mask", "_depth", "_overlay")
 
 
+def path_name(text: str) -> str:
+    """A word of the command line as it is; jsonargparse would read those of a list as YAML."""
+    return text
+
+
 def photo_files(names: Sequence[str]) -> list[str]:
     """Files in the order in which they are named; of a folder those that are photos by their endings, by name.
 

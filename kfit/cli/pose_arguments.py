@@ -5,6 +5,7 @@ from __future__ import annotations
 from jsonargparse import ArgumentParser
 
 from kfit.cli.category_names import SPOKEN
+from kfit.cli.photo_files import path_name
 
 
 def parser() -> ArgumentParser:
@@ -20,11 +21,11 @@ def parser() -> ArgumentParser:
     )
     parser.add_argument(
         "photo",
-        type=str,
+        type=path_name,
         nargs="+",
         help="picture files, or folders of them; an alpha channel, if any, tells where the object is",
     )
-    thing = parser.add_argument_group("what and where the object is (default: all that are found)")
+    thing = parser.add_argument_group("what and where the object is, where not all of them are meant")
     thing.add_argument(
         "--category", type=str, default=None, metavar="NAME", help=f"look for these alone, one of {SPOKEN}"
     )

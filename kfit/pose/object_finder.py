@@ -30,8 +30,8 @@ MARGIN = 0.15
 LEAST_PART, PART_SCORE = 0.005, 0.3
 # Boxes of fewer pixels a side, or of a smaller share of the photo's longer side, hold too little.
 LEAST_SIDE, LEAST_SHARE = 12, 0.03
-# A detector's score of 0.1 says nothing; of its logarithm above that, this much adds to the classifier's, for a category
-# and for none.
+# A detector's score of 0.1 says nothing; of its logarithm above that, this much adds to the classifier's, for a
+# category and for none.
 SILENT, DETECTOR_WEIGHT, LIVING_WEIGHT = 0.1, 0.5, 1.0
 # An object is reported from this probability of its category, and from this product of it with the box's score. Where
 # there is none, one of lower numbers is, as a guess.

@@ -43,12 +43,14 @@ def test_probabilities_are_of_six_categories_and_none(finder: ObjectFinder) -> N
     assert finder.probabilities(coffee().astype(np.float32) / 255, np.zeros((0, 4))).shape == (0, 7)
 
 
-def test_what_a_mask_shows_stands_out_or_does_not(finder: ObjectFinder) -> None:
-    image, cup, table = coffee().astype(np.float32) / 255, np.zeros((400, 600), bool), np.zeros((400, 600), bool)
-    cup[60:250, 200:380] = True
-    table[330:400, 480:600] = True
-    assert finder.salient_share(image, cup) > 0.9
-    assert finder.salient_share(image, table) < 0.3
+def test_what_of_a_mask_stands_out_is_a_share(finder: ObjectFinder) -> None:
+    image = np.full((400, 600, 3), 0.5, np.float32)
+    image[150:250, 220:370] = coffee()[::4, ::4] / np.float32(255)
+    cup, most = np.zeros((400, 600), bool), np.zeros((400, 600), bool)
+    cup[165:210, 270:315] = True
+    most[20:380, 100:500] = True
+    assert finder.salient_share(image, cup) > 0.8
+    assert finder.salient_share(image, most) < 0.3
 
 
 def test_a_box_on_another_is_the_same_object_and_one_of_another_kind_inside_is_not(finder: ObjectFinder) -> None:
