@@ -27,7 +27,8 @@ if TYPE_CHECKING:
         Variable,
     )
     from kfit.fitting.pipeline import FitPipeline
-    from kfit.models import find_poses, load
+    from kfit.models.find_poses import find_poses
+    from kfit.models.load import load
     from kfit.reports.html_page import report
 
 __version__ = version("kfit")

@@ -12,6 +12,7 @@ from typing import Any
 import gradio as gr
 
 from kfit.app import views
+from kfit.app.line import MOST, Line
 from kfit.app.session import Session, Sessions
 from kfit.app.uploads import ENDINGS, LARGEST_FILE, NAMES
 from kfit.app.watched import Drawn
@@ -53,6 +54,7 @@ def page(sessions: Sessions) -> gr.Blocks:
                     report = gr.DownloadButton("Report (HTML)", size="sm", min_width=120)
                     numbers = gr.DownloadButton("Numbers (JSON)", size="sm", min_width=120)
 
+        line = Line()
         fresh = [drop, example, surface, found, tools, category, fit, view, downloads]
         marked = [surface, fit, view, downloads]
 
@@ -136,26 +138,37 @@ def page(sessions: Sessions) -> gr.Blocks:
             session = sessions.of(request.session_hash or "")
             hidden, same = gr.update(visible=False), gr.skip()
             told: list[Drawn] = []
+            session.busy = True
             try:
-                fitting = session.fit(category)
-                yield [views.converging(told), hidden, same, same]
-                for news in fitting:
-                    if isinstance(news, Drawn):
-                        told.append(news)
-                        yield [views.converging(told), hidden, same, same]
-                    else:
-                        yield [views.answered(news, told), hidden, same, same]
-                        yield [same, gr.update(visible=True), *map(str, session.write(news))]
+                with line.joined() as waiting:
+                    for before in waiting:
+                        yield [views.waiting(before), hidden, same, same]
+                    fitting = session.fit(category)
+                    yield [views.converging(told), hidden, same, same]
+                    for news in fitting:
+                        if isinstance(news, Drawn):
+                            told.append(news)
+                            yield [views.converging(told), hidden, same, same]
+                        else:
+                            yield [views.answered(news, told), hidden, same, same]
+                            yield [same, gr.update(visible=True), *map(str, session.write(news))]
             except Exception as error:
                 _tell(error)
                 yield [same if told else "", hidden, same, same]
+            finally:
+                session.busy = False
 
         def forget(request: gr.Request) -> None:
             sessions.close(request.session_hash or "")
 
         quiet: dict[str, Any] = {"api_visibility": "private", "show_progress": "minimal"}
         fitting = fit.click(
-            run, category, [view, downloads, report, numbers], concurrency_limit=1, scroll_to_output=True, **quiet
+            run,
+            category,
+            [view, downloads, report, numbers],
+            concurrency_limit=MOST + 1,  # the last is told that the line is full
+            scroll_to_output=True,
+            **quiet,
         )
         drop.upload(take, drop, fresh, cancels=fitting, **quiet)
         example.click(take_example, None, fresh, cancels=fitting, **quiet)
@@ -164,7 +177,7 @@ def page(sessions: Sessions) -> gr.Blocks:
         found.input(choose, found, [*marked, category], cancels=fitting, **quiet)
         surface.draw(draw, None, marked, cancels=fitting, **quiet)
         blocks.unload(forget)
-    blocks.queue(max_size=20)
+    blocks.queue(max_size=3 * MOST)
     return blocks
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import platform
+from collections.abc import Iterator
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -71,19 +72,21 @@ def models() -> list[dict[str, Any]]:
     """What the cards of the bundled models tell."""
     from safetensors import safe_open
 
+    from kfit.models import read_card
+
     found = []
     for path in sorted(BUNDLED.glob("*.safetensors")):
-        card = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
+        card = read_card(path)
         with safe_open(path, "np") as file:
             shapes = [file.get_slice(name).get_shape() for name in file.keys()]  # noqa: SIM118
-        measured = card["accuracy"].get(UNSEEN, {}).get(ALL, {})
+        measured = card.accuracy.get(UNSEEN, {}).get(ALL, {})
         found.append(
             {
-                "category": card["category"],
-                "generator": card["networks"]["generator"]["class_path"],
+                "category": card.category,
+                "generator": card.networks["generator"]["class_path"],
                 "parameters": sum(map(math.prod, shapes)),
-                "symmetric": card["symmetry"] == "y",
-                "calibrated": sorted(card["calibration"]),
+                "symmetric": card.symmetry == "y",
+                "calibrated": sorted(card.calibration),
                 "median_rotation_error_deg": measured.get("median"),
                 "under_10_deg": measured.get("under_10"),
             }
@@ -111,10 +114,19 @@ def extras() -> list[dict[str, Any]]:
 
     about = metadata.metadata("kfit")
     needs = [Requirement(line) for line in about.get_all("Requires-Dist") or []]
+
+    def packages(extra: str) -> Iterator[str]:
+        for need in needs:
+            if need.marker is not None and need.marker.evaluate({"extra": extra}):
+                if need.name == "kfit":  # an extra that holds others
+                    for other in need.extras:
+                        yield from packages(other)
+                else:
+                    yield need.name
+
     found = []
     for extra in about.get_all("Provides-Extra") or []:
-        own = [need.name for need in needs if need.marker is not None and need.marker.evaluate({"extra": extra})]
-        lacks = sorted(name for name in own if _version(name) is None)
+        lacks = sorted(name for name in set(packages(extra)) if _version(name) is None)
         found.append({"extra": extra, "installed": not lacks, "lacks": lacks, "by": f"pip install 'kfit[{extra}]'"})
     return found
 

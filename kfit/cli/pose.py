@@ -127,7 +127,8 @@ def _answer(
 
     def pipeline(model: CategoryModel) -> FitPipeline:
         if args.fit is None:
-            made = model.pipeline(depth=depth is not None)
+            lens_known = args.intrinsics is not None or photo.intrinsics is not None
+            made = model.pipeline(depth=depth is not None, lens_known=lens_known)
         else:
             from kfit.pose.fit_recipe import fit_of
 

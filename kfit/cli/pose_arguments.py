@@ -63,7 +63,7 @@ def parser() -> ArgumentParser:
         nargs=4,
         default=None,
         metavar=("FX", "FY", "CX", "CY"),
-        help="focal lengths and centre in pixels (default: by the photo's EXIF tags, else a view of 60° is assumed)",
+        help="focal lengths and centre in pixels (default: by the photo's EXIF tags, else estimated)",
     )
     camera.add_argument(
         "--depth",

@@ -17,10 +17,11 @@ from rich.progress import track
 from kfit.core.check import check_choice, check_count, check_list, check_range, check_rising, check_text
 from kfit.data import shapes
 from kfit.data.drawn_objects import DrawnObjects, in_order
+from kfit.data.hdf5 import read_dataset
+from kfit.data.mesh_tree import mesh_digests
 from kfit.data.view_parts import FIELDS, ViewParts
-from kfit.geometry import UNIT_FRACTION
+from kfit.geometry import UNIT_FRACTION, azimuth_from_released
 from kfit.runtime.atomic_write import atomic_write
-from kfit.runtime.devices import memory
 
 _log = logging.getLogger(__name__)
 
@@ -88,7 +89,7 @@ def build_views(
     check_range("unit_fraction", unit_fraction, 0.1, 10)
     check_count("supersample", supersample, 1, 16)
     settings: dict[str, Any] = {
-        "source": source if isinstance(source, str) else [f"{Path(f).name} {Path(f).stat().st_size}" for f in source],
+        "source": source if isinstance(source, str) else _identities(source),
         "shapes_version": shapes.VERSION,
         "num_objects": num_objects,
         "num_views": num_views,
@@ -117,8 +118,14 @@ def build_views(
     return path
 
 
+def _identities(files: Sequence[str | Path]) -> list[str]:
+    """What tells mesh files from others: names and contents, those of their textures too."""
+    paths = [Path(file) for file in files]
+    return [f"{path.name} {digest}" for path, digest in zip(paths, mesh_digests(paths), strict=True)]
+
+
 def _finished(path: Path, settings: dict[str, Any]) -> bool:
-    return path.exists() and _settings_of(path) == settings
+    return path.is_file() and _settings_of(path) == settings
 
 
 def _draw(parts: ViewParts, source: str | Sequence[str | Path]) -> None:
@@ -163,7 +170,7 @@ def _settings_of(path: Path) -> dict[str, object] | None:
         with h5py.File(path, "r") as file:
             settings: dict[str, object] = json.loads(file.attrs["settings"])
             return settings
-    except (OSError, KeyError, ValueError):
+    except (OSError, KeyError, ValueError, TypeError):
         return None
 
 
@@ -173,12 +180,14 @@ class Views:
     ``images`` (N, H, W, 3) uint8, ``masks`` (N, H, W) uint8, ``elevations`` and ``azimuths`` (N,) float32 in radians,
     ``distances`` (N,) float32 of the camera in box diagonals, ``depth`` (N, H, W) float16 and ``extents``
     (num_objects, 3) float32, these three None where the file has none; ``num_views`` consecutive rows belong to one
-    object. Pictures without a fourth channel get as mask what is not
-    white. Reads files of ``build_views`` and the released code's own.
+    object. Pictures without a fourth channel get as mask what is not white. Reads files of ``build_views`` and the
+    released code's own. A file without the attribute ``num_views``, which the released code does not write, is taken
+    for one of these: what is transparent in it is white, and azimuths are converted to NOCS's axes by
+    `kfit.geometry.azimuth_from_released`.
 
     Args:
         path: An HDF5 file with ``images`` and ``poses``.
-        num_views: Views an object, for files that do not say it themselves.
+        num_views: Views an object, for files without the attribute of that name.
 
     Raises:
         FileNotFoundError: If there is no such file.
@@ -191,15 +200,15 @@ class Views:
         if num_views is not None:
             check_count("num_views", num_views)
         path = Path(path)
-        if not path.exists():
-            raise FileNotFoundError(f"path must name a file of views, but {path} does not exist.")
+        if not path.is_file():
+            wrong = "is no regular file" if path.exists() else "does not exist"
+            raise FileNotFoundError(f"path must name a file of views, but {path} {wrong}.")
         try:
             with h5py.File(path, "r") as file:
                 there = [name for name in FIELDS if file.get(name, getlink=True) is not None]
-                data = {name: _read(file, name, path) for name in there}
+                data = {name: read_dataset(file, name, path) for name in there}
                 stated = file.attrs.get("num_views")
-                ours = "num_done" in file.attrs
-        except (OSError, KeyError, RuntimeError) as error:
+        except (OSError, KeyError, RuntimeError, TypeError) as error:  # TypeError for types that NumPy lacks
             raise ValueError(f"path must name a whole HDF5 file, but {path} cannot be read ({error}).") from error
         for name, ndim in (("images", 4), ("poses", 2)):
             if name not in data or data[name].ndim != ndim:
@@ -208,6 +217,8 @@ class Views:
         images, poses = data["images"], data["poses"]
         if images.dtype != np.uint8 or images.shape[3] not in (3, 4):
             raise ValueError(f"images must be (N, H, W, 3 or 4) uint8, but {path} has {images.shape} {images.dtype}.")
+        with np.errstate(over="ignore"):  # what is too large for single precision becomes infinite
+            poses = poses.astype(np.float32)
         if poses.shape != (len(images), 2) or not np.isfinite(poses).all():
             raise ValueError(f"poses must be ({len(images)}, 2) finite degrees, but {path} has {poses.shape}.")
         views: Any = stated if stated is not None else num_views
@@ -216,13 +227,17 @@ class Views:
             raise ValueError(f"num_views must divide the {len(images)} rows of {path}, but is {views}.")
         self.num_views = int(views)
         self.num_objects = len(images) // self.num_views
-        if images.shape[3] == 4 and not ours:
+        released = stated is None
+        if images.shape[3] == 4 and released:
             images[images[..., 3] == 0, :3] = 255  # white, whatever a released file has left there
         self.images: np.ndarray = images[..., :3]
         self.masks: np.ndarray = (
             images[..., 3] if images.shape[3] == 4 else np.where((images < 250).any(-1), 255, 0).astype(np.uint8)
         )
-        self.elevations, self.azimuths = np.deg2rad(poses.astype(np.float32)).T
+        self.elevations, self.azimuths = np.deg2rad(poses).T
+        if released:
+            _log.info("%s is read as the released code's: its azimuths are converted to NOCS's axes.", path)
+            self.azimuths = azimuth_from_released(self.azimuths) % np.float32(2 * np.pi)
         expected = {"depth": images.shape[:3], "distances": images.shape[:1], "extents": (self.num_objects, 3)}
         for name, shape in expected.items():
             if name in data and data[name].shape != shape:
@@ -231,18 +246,10 @@ class Views:
         if self.distances is not None and not (np.isfinite(self.distances) & (self.distances > 0)).all():
             raise ValueError(f"distances must be finite and positive, but {path} has others.")
         self.depth: np.ndarray | None = data.get("depth")
+        if self.depth is not None and not all(np.isfinite(row).all() for row in self.depth):
+            raise ValueError(f"depth must be finite, 0 outside the object, but {path} has others.")
         self.extents: np.ndarray | None = data.get("extents")
-
-
-def _read(file: h5py.File, name: str, path: Path) -> np.ndarray:
-    """A dataset that lies in the file itself and fits into memory."""
-    link = file.get(name, getlink=True)
-    dataset = file[name] if isinstance(link, h5py.HardLink) else None
-    if not isinstance(dataset, h5py.Dataset) or dataset.is_virtual or dataset.external:
-        raise ValueError(f"path must hold {name} itself, but {path} has a group or a link to elsewhere.")
-    if dataset.dtype.kind not in "biuf":
-        raise ValueError(f"{name} must be numbers, but {path} has {dataset.dtype}.")
-    if dataset.nbytes > memory():
-        raise ValueError(f"{name} must fit into memory, but takes {dataset.nbytes / 1e9:,.0f} GB in {path}.")
-    values: np.ndarray = dataset[()]
-    return values
+        if self.extents is not None:
+            whole = np.isfinite(self.extents) & (self.extents >= 0)  # a flat object has a side of 0
+            if not (whole.all() and self.extents.any(1).all()):
+                raise ValueError(f"extents must be finite and at least 0, not all 0, but {path} has others.")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import torch
 from torch import Tensor, nn
 
 from kfit.core.check import check_choice, check_list
@@ -54,7 +55,8 @@ class AlexNet(FeatureNetwork):
                 self.layers[index] = name
             if name.startswith("conv"):
                 width, kernel, stride, padding = _CONVOLUTIONS[int(name[4]) - 1]
-                self.features.append(nn.utils.skip_init(nn.Conv2d, channels, width, kernel, stride, padding))
+                made = nn.utils.skip_init(nn.Conv2d, channels, width, kernel, stride, padding, dtype=torch.float32)
+                self.features.append(made)
                 channels = width
             elif name.startswith("relu"):
                 # in place spares memory, and would overwrite a convolution that was asked for
@@ -62,14 +64,12 @@ class AlexNet(FeatureNetwork):
             else:
                 self.features.append(nn.MaxPool2d(3, 2))
         num_pools = sum(name.startswith("pool") for name in _NAMES[: len(self.features)])
-        self.least = (7, 15, 31, 63)[num_pools]
+        self.least_side = (7, 15, 31, 63)[num_pools]
         fill_published(self, self.url, self.megabytes, weights)
         self.freeze()
 
     def forward(self, image: Tensor) -> dict[str, Tensor]:
         x, found = self.normalized(image), {}
-        if min(image.shape[-2:]) < self.least:
-            raise ValueError(f"image must be {self.least} pixels high and wide or more, got {tuple(image.shape[-2:])}")
         for index, module in enumerate(self.features):
             x = module(x)
             if index in self.layers:

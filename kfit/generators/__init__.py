@@ -8,7 +8,8 @@ from kfit.generators.metric_depth import MetricDepth
 from kfit.generators.onnx_generator import OnnxGenerator
 from kfit.generators.pose_head import PoseHead
 from kfit.generators.radiance_field import RadianceField
-from kfit.generators.similarity_warp import SimilarityWarp
+from kfit.generators.rotation_head import RotationHead
+from kfit.generators.similarity_warp import SimilarityWarp, fixed_camera
 from kfit.generators.template import Template
 from kfit.generators.vae2d import VAE2D
 from kfit.generators.vae3d import VAE3D
@@ -24,6 +25,8 @@ __all__ = [
     "OnnxGenerator",
     "PoseHead",
     "RadianceField",
+    "RotationHead",
     "SimilarityWarp",
     "Template",
+    "fixed_camera",
 ]

@@ -10,16 +10,22 @@ from kfit.core import Angle, Generator, Positive, Rendering, Variable, Variables
 from kfit.core.check import check_names
 
 OWN = ("roll", "shift", "scale")
+# What the generator inside sees changes with the scale.
+PLANE = (*OWN, "focal")
 
 
 class SimilarityWarp(Generator):
-    """Adds roll, shift and scale to a generator by a similarity warp of its finished picture (paper, equation 2).
+    """Adds roll, shift and scale to a generator by a similarity warp of its finished picture (Chen et al. 2020,
+    section 3.1, the warp W(T, R_z)).
 
     A point (u, v) of the generator's picture, in half-widths from the centre, x right and y up, goes to
-    scale · Rz(roll) · (u, v) + shift; outside is white, mask 0. Depth is warped premultiplied by the mask.
+    scale · Rz(roll) · (u, v) + shift; outside is white, mask 0. Depth is warped premultiplied by the mask, and where
+    the generator draws a weight, what is outside its picture counts, and colours are warped premultiplied by it.
 
     Adds the variables ``roll`` (radians, anticlockwise), ``shift`` (2,) in half-widths of the picture (x right, y up)
-    and ``scale`` (above 0; 1 leaves the size).
+    and ``scale`` (above 0; 1 leaves the size). A generator's ``focal``, the focal length over the picture's width, is
+    that of the finished picture: enlarged as it is by the scale, it is drawn with focal / scale, so that the camera
+    stands as near as a photo's does in which the object is as large.
 
     Args:
         generator: draws the picture before the warp.
@@ -43,6 +49,8 @@ class SimilarityWarp(Generator):
 
     def forward(self, **values: Tensor) -> Rendering:
         inner = {name: value for name, value in values.items() if name not in OWN}
+        if "focal" in inner:
+            inner["focal"] = inner["focal"] / values["scale"]
         if inner and not torch.is_grad_enabled() and not torch.compiler.is_compiling():
             return warp(self._drawn_once(inner), values["roll"], values["shift"], values["scale"])
         drawn: Rendering = self.generator(**inner)
@@ -68,10 +76,19 @@ class SimilarityWarp(Generator):
             ValueError: for a name that is no variable of this generator.
         """
         check_names("bind", fixed, self.variables)
-        inner = {name: value for name, value in fixed.items() if name not in OWN}
-        own = {name: value for name, value in fixed.items() if name in OWN}
+        inner = {name: value for name, value in fixed.items() if name not in PLANE}
+        own = {name: value for name, value in fixed.items() if name in PLANE}
         bound = SimilarityWarp(self.generator.bind(**inner)) if inner else self
         return Generator.bind(bound, **own) if own else bound
+
+
+def fixed_camera(generator: Generator) -> Generator:
+    """The generator with its ``focal``, if it has one, held at the generator's own.
+
+    So all rows are drawn from one distance, as the paper's generator draws, and nothing needs to be known of a camera.
+    """
+    own = getattr(generator, "focal", None)
+    return generator if own is None else generator.bind(focal=own)
 
 
 def warp(drawn: Rendering, roll: Tensor, shift: Tensor, scale: Tensor) -> Rendering:
@@ -90,16 +107,22 @@ def warp(drawn: Rendering, roll: Tensor, shift: Tensor, scale: Tensor) -> Render
     centre = shift.new_tensor([(width - 1) / 2, (height - 1) / 2])
     moved = centre + shift * shift.new_tensor([width / 2, -height / 2])
     # White outside: what is warped is the difference to white, whose outside is 0.
-    parts = [drawn.image - 1]
+    parts = {"image": drawn.image - 1}
+    if drawn.weight is not None:  # outside counts: what is warped is what does not
+        parts = {"image": drawn.weight * torch.where(drawn.weight > 0, parts["image"], 0), "hidden": 1 - drawn.weight}
     if drawn.mask is not None:
-        parts.append(drawn.mask)
+        parts["mask"] = drawn.mask
         if drawn.depth is not None:
-            parts.append(drawn.depth * drawn.mask)
-    sizes = [part.shape[1] for part in parts]
-    whole = torch.cat(parts, 1).expand(linear.shape[0], -1, -1, -1)
+            parts["depth"] = drawn.depth * drawn.mask
+    whole = torch.cat(list(parts.values()), 1).expand(linear.shape[0], -1, -1, -1)
     # Out of autocast: bfloat16 matrices miss by up to a fifth of a pixel.
     with torch.autocast(whole.device.type, enabled=False):
         matrix = torch.cat([linear, (moved - linear @ centre)[..., None]], -1)
-        pieces = warp_affine(whole, matrix, (height, width), align_corners=True).split(sizes, 1)
-    depth = pieces[2] / pieces[1].clamp_min(1e-4) if len(pieces) > 2 else None
-    return Rendering(image=pieces[0] + 1, mask=pieces[1] if len(pieces) > 1 else None, depth=depth)
+        warped = warp_affine(whole, matrix, (height, width), align_corners=True)
+    found = dict(zip(parts, warped.split([part.shape[1] for part in parts.values()], 1), strict=True))
+    image, mask, weight = found["image"], found.get("mask"), None
+    if "hidden" in found:
+        weight = (1 - found["hidden"]).clamp(0, 1)
+        image = image / weight.clamp_min(1e-4)
+    depth = found["depth"] / found["mask"].clamp_min(1e-4) if "depth" in found else None
+    return Rendering(image=image + 1, mask=mask, depth=depth, weight=weight)

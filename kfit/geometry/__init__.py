@@ -1,11 +1,12 @@
 """Pure functions on tensors: pose conventions, crops, cameras, boxes, and what is known about categories."""
 
-from kfit.geometry.bins import bin_log_probabilities
 from kfit.geometry.boxes import EDGES, box_corners, project
 from kfit.geometry.camera import (
     UNIT_FRACTION,
     depth_along,
     diagonal_at,
+    distance_by_focal,
+    focal_by_distance,
     intrinsics_from_exif,
     intrinsics_from_fov,
     observed,
@@ -13,6 +14,7 @@ from kfit.geometry.camera import (
     viewing_ray,
     viewing_ray_rotation,
     was_cropped,
+    with_focal,
 )
 from kfit.geometry.categories import CATEGORIES, Category
 from kfit.geometry.clusters import energy_weights, rotation_clusters, rotation_spread_deg
@@ -20,6 +22,7 @@ from kfit.geometry.crop import Crop
 from kfit.geometry.pose import (
     Symmetry,
     angles_from_rotation,
+    azimuth_from_released,
     from_opencv,
     rotation_error,
     rotation_from_angles,
@@ -36,11 +39,13 @@ __all__ = [
     "PoseNetwork",
     "Symmetry",
     "angles_from_rotation",
-    "bin_log_probabilities",
+    "azimuth_from_released",
     "box_corners",
     "depth_along",
     "diagonal_at",
+    "distance_by_focal",
     "energy_weights",
+    "focal_by_distance",
     "from_opencv",
     "intrinsics_from_exif",
     "intrinsics_from_fov",
@@ -55,4 +60,5 @@ __all__ = [
     "viewing_ray",
     "viewing_ray_rotation",
     "was_cropped",
+    "with_focal",
 ]

@@ -52,7 +52,9 @@ class Previous(Initializer):
                 count = observation.num_problems
                 raise ValueError(f"Previous: the result holds {len(value)} problems, the observation {count}")
             space, shape = variables[name].space, variables[name].shape
-            noise = torch.stack([torch.randn(num_starts, *shape, generator=rng) for rng in rngs]).to(value)
+            noise = torch.stack(
+                [torch.randn(num_starts, *shape, generator=rng, dtype=torch.float32) for rng in rngs]
+            ).to(value)
             noise[:, 0] = 0
             raw = space.to_raw(value)[:, None] + self.spread.get(name, 0.0) * noise
             started[name] = space.to_value(raw.flatten(0, 1))

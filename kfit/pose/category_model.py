@@ -3,18 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
+from torch import Tensor, nn
 
 from kfit.callbacks import Pruning
-from kfit.core import Callback, Encoder, Energy, FitError, FitResult, Generator, Observation, Rendering, Variables
+from kfit.core import (
+    Callback,
+    Encoder,
+    Energy,
+    FitError,
+    FitResult,
+    Generator,
+    Observation,
+    Rendering,
+    Variables,
+)
 from kfit.fitting.pipeline import FitPipeline
 from kfit.generators import ExtentsHead, MetricDepth, SimilarityWarp
-from kfit.geometry import Crop, PoseNetwork, diagonal_at, pose_from_crop, to_opencv
+from kfit.geometry import Crop, PoseNetwork, diagonal_at, pose_from_crop, to_opencv, with_focal
 from kfit.optimizers import Adam
 from kfit.pose.card import Card
 from kfit.pose.confidence import confidence
@@ -23,6 +34,7 @@ from kfit.pose.hypotheses import PoseHypotheses, alternatives, ambiguity_warning
 from kfit.pose.interpretation import interpret
 from kfit.pose.observed_object import ObservedObject
 from kfit.pose.result import PoseResult
+from kfit.runtime.devices import safe_after_fork
 from kfit.segmentation import Photo, Segmenter
 
 
@@ -55,10 +67,15 @@ class CategoryModel:
 
     def to(self, device: str | torch.device) -> CategoryModel:
         """Move its networks to a device, where its fits run from then on; returns itself."""
-        for network in (self.generator, self.encoder, self.extents, self.pose_head):
-            if network is not None:
-                network.to(device)
+        for network in self.networks.values():
+            network.to(device)
         return self
+
+    @property
+    def networks(self) -> dict[str, nn.Module]:
+        """Its networks by their names in the card, as `kfit.models.write_model` takes them."""
+        networks = {"generator": self.generator, "encoder": self.encoder, "extents": self.extents}
+        return networks if self.pose_head is None else networks | {"pose_head": self.pose_head}
 
     def pipeline(
         self,
@@ -66,6 +83,7 @@ class CategoryModel:
         num_steps: int = 16,
         callbacks: Sequence[Callback] | None = None,
         depth: bool = False,
+        lens_known: bool = True,
         energies: Mapping[str, tuple[Energy, float]] | None = None,
     ) -> FitPipeline:
         """The fit that `pose` runs: the paper's, with an energy that works offline.
@@ -75,31 +93,53 @@ class CategoryModel:
         drawn once to choose the best. Of 40 unseen mugs, laptops and cans each, more starts and steps found no better
         poses. Adam at the released rates, which fall from step to step; E = features of EfficientNet-Lite0 + 2 · SSIM
         + 5 · silhouette + 0.02 · code prior + the card's pose weight · what the pose head says, and where there is
-        depth 4 · its difference in mean box diagonals.
-        ``kfit bench energies`` compares others with the first three.
+        depth ½ · Geman and McClure's kernel of its difference over 0.05 mean box diagonals.
+        ``kfit bench energies`` compares others with the first three. A generator that draws no mask is fitted without
+        the silhouette.
 
         Args:
             num_starts, num_steps: as in `kfit.FitPipeline`.
             callbacks: pruning to half the starts at step 3 unless given.
-            depth: the observation has depth and intrinsics, which fix the distance; the generator must draw depth.
+            depth: the observation has depth, which fixes the distance; the generator must draw depth.
+            lens_known: drawings have the perspective of the observation's intrinsics; else their focal length is where
+                the fit starts, and `kfit.energies.LensPrior` has a word in how far it goes.
             energies: of drawing and photo, by name and with their weights, instead of the first three.
         """
-        warped: Generator = SimilarityWarp(self.generator)
+        drawn: Generator = SimilarityWarp(self.generator)
+        if depth:
+            drawn = MetricDepth(drawn, self.card.unit_fraction)
+        compared = self._default_energies() if energies is None else energies
         parts, weights, initializers, rates = default_parts(
-            self.encoder, self.pose_head, self.card, depth, default_energies() if energies is None else energies
+            drawn, self.encoder, self.pose_head, self.card, depth, lens_known, compared
         )
         return FitPipeline(
-            MetricDepth(warped) if depth else warped,
+            drawn,
             parts,
             initializers,
             Adam(rates, BETAS, FINAL_RATE_FRACTION ** (1 / max(1, num_steps))),
-            weights=weights,
+            weights=dict(weights),
+            rank_weights={name: weight for name, weight in weights.items() if name != "lens"},
             callbacks=[Pruning({3: max(1, num_starts // 2)})] if callbacks is None else callbacks,
             num_starts=num_starts,
             num_steps=num_steps,
             num_candidates=(16 if self.pose_head is None else 4) * num_starts,
         ).to(self.device)
 
+    def _default_energies(self) -> dict[str, tuple[Energy, float]]:
+        """The default energies, without those of fields that the generator does not draw."""
+        return {name: given for name, given in default_energies().items() if given[0].on in self.drawn}
+
+    @cached_property
+    def drawn(self) -> frozenset[str]:
+        """Names of the fields that its generator draws, of ``image``, ``mask`` and ``depth``."""
+        like = next(self.encoder.parameters())
+        zeros = {name: like.new_zeros(1, *variable.shape) for name, variable in self.generator.variables.items()}
+        with torch.no_grad():
+            rendering: Rendering = self.generator(**zeros)
+        return frozenset(name for name, field in vars(rendering).items() if field is not None)
+
+    @safe_after_fork()
+    @torch.inference_mode(False)
     def pose(
         self,
         image: str | Path | Photo | NDArray[Any],
@@ -115,9 +155,9 @@ class CategoryModel:
         """Find the object's pose, size and look in a photo.
 
         The mask is the one given, else the segmenter's, else GrabCut's in ``box``, else the file's alpha channel, else
-        GrabCut's in the whole picture. Intrinsics are those given, else by the file's EXIF tags, else those of a camera
-        that sees 60° along the longer side. Distance and size in metres rest on ``depth`` or, without it, on the
-        category's mean size.
+        GrabCut's in the whole picture. Intrinsics are those given, else by the file's EXIF tags; else the focal length
+        is fitted too, though most of what is known of it is how long lenses are and how near people stand. Distance and
+        size in metres rest on ``depth`` or, without it, on the category's mean size.
 
         Args:
             image: path of a photo, what `kfit.segmentation.read_photo` made of it, or (H, W, 3)
@@ -136,7 +176,7 @@ class CategoryModel:
                 sentence.
         """
         seen = ObservedObject.of(image, self.card.category, self.image_size, mask, box, intrinsics, depth, segmenter)
-        pipeline = pipeline or self.pipeline(depth=depth is not None)
+        pipeline = pipeline or self.pipeline(depth=depth is not None, lens_known=seen.lens_known)
         there: Observation = seen.observation.map(lambda tensor: tensor.to(pipeline.device))
         return self.answer(pipeline(there, seed=seed), seen)
 
@@ -147,8 +187,11 @@ class CategoryModel:
 
     def placed(self, fitted: Variables, crop: Crop, camera: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Rotation (1, 3, 3), translation (1, 3) and box diagonal (1,) in metres of one problem's fitted values in the
-        photo's camera (3, 3): by the fitted distance where there is one, else by the category's mean size."""
+        photo's camera (3, 3), with the fitted focal length if there is one: by the fitted distance where there is one,
+        else by the category's mean size."""
         values, unit = {name: value.double() for name, value in fitted.items()}, self.card.unit_fraction
+        if "focal" in values:
+            camera = with_focal(camera.double(), values["focal"] * crop.side)
         angles = (values["azimuth"], values["elevation"], values["roll"])
         shift, scale, camera = values["shift"], values["scale"], camera.double()
         diagonal = torch.tensor([self.card.mean_diagonal], dtype=torch.float64)
@@ -156,16 +199,18 @@ class CategoryModel:
             diagonal = diagonal_at(values["distance"], shift, scale, crop, camera, unit)
         return *pose_from_crop(*angles, shift, scale, crop, camera, diagonal, unit), diagonal
 
+    @safe_after_fork()
     def draw(self, values: Variables) -> Rendering:
         """What N values of a fit look like, on the CPU and without a gradient."""
         warped = SimilarityWarp(self.generator)
         with torch.no_grad():
-            drawn = warped(**{name: values[name].to(self.device) for name in warped.variables})
+            there = [name for name in warped.variables if name in values]
+            drawn = warped(**{name: values[name].to(self.device) for name in there})
             on_cpu: Rendering = drawn.map(lambda tensor: tensor.cpu())
         return on_cpu
 
     def pose_log_probabilities(self, image: Tensor) -> Tensor | None:
-        """Log-probabilities (N, A, E) of poses, by the looks of pictures (N, 3, S, S), where there is a pose head."""
+        """Log-probabilities (N, B) of poses, by the looks of pictures (N, 3, S, S), where there is a pose head."""
         if self.pose_head is None:
             return None
         with torch.no_grad():
@@ -178,7 +223,7 @@ class CategoryModel:
         Args:
             fit: of one problem, on the CPU.
             turn: (3, 3) from OpenCV axes of the fitted crop to those of the photo.
-            pose_log_probabilities: (1, A, E), what `pose_log_probabilities` says of the picture.
+            pose_log_probabilities: (1, B), what `pose_log_probabilities` says of the picture.
         """
         symmetry, head = self.card.known.symmetry, self.pose_head
         found = alternatives(fit, turn, symmetry)
@@ -198,6 +243,7 @@ class CategoryModel:
             raise FitError("every start of the fit became NaN or infinite")
         return answer
 
+    @safe_after_fork()
     def answers(self, fit: FitResult, seen: Sequence[ObservedObject]) -> list[PoseResult | None]:
         """What a fit says of the objects that were seen, one problem each; None where every start failed."""
         with torch.no_grad():

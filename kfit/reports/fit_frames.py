@@ -37,17 +37,9 @@ def fit_frames(result: PoseResult) -> FitFrames:
     """Draw the winner's values at all steps, in one call of the generator.
 
     Args:
-        result: of a fit of one photo.
-
-    Raises:
-        ValueError: if several objects were fitted at once, whose steps are not told apart.
+        result: of a photo.
     """
     fit, history = result.fit, result.fit.history
-    if history.energy.shape[1] != 1:
-        raise ValueError(
-            f"result must come from a fit of one object, as `pose` makes it, got one of {history.energy.shape[1]} that "
-            "were fitted together"
-        )
     start = int(fit.start[0])
     there = history.energy[:, 0, start].isfinite()  # a start at rest is not looked at again
     path = {name: value[there, 0, start] for name, value in history.values.items()}

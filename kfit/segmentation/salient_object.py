@@ -60,8 +60,9 @@ class SalientObject(Segmenter):
     @staticmethod
     def fits(network: OnnxNetwork) -> bool:
         """Whether one picture goes in and the first output is one mask."""
-        shape = network.outputs[0].shape
-        return not network.channels_last and len(shape) == 4 and shape[:2] in ((1, 1), (None, 1))
+        first = network.outputs[0]
+        one_mask = len(first.shape) == 4 and first.shape[:2] in ((1, 1), (None, 1))
+        return one_mask and first.is_float and not network.channels_last
 
     def __call__(self, image: NDArray[np.float32], category: str, box: Box | None = None) -> Segment:
         height, width = image.shape[:2]

@@ -1,6 +1,8 @@
 import json
+from email.message import Message
 
 import pytest
+from model_file import card_of
 from safetensors.numpy import load_file
 
 from kfit import __version__
@@ -20,7 +22,7 @@ def test_json_is_pure_and_tells_what_cards_and_weights_tell(capsys):
     assert [model["category"] for model in told["models"]] == ["bottle", "bowl", "camera", "can", "laptop", "mug"]
     mug = told["models"][-1]
     assert mug["parameters"] == sum(numbers.size for numbers in load_file(info.BUNDLED / "mug.safetensors").values())
-    card = json.loads((info.BUNDLED / "mug.json").read_text())
+    card = card_of(info.BUNDLED / "mug.safetensors")
     views = card["accuracy"]["unseen procedural objects, held-out families"]["all views"]
     assert mug["median_rotation_error_deg"] == views["median"]
     assert mug["under_10_deg"] == views["under_10"]
@@ -53,3 +55,16 @@ def test_an_extra_tells_what_it_lacks_and_how_it_is_installed(there, monkeypatch
     assert found["export"]["installed"] is there
     assert found["export"]["lacks"] == ([] if there else ["onnxscript"])
     assert found["export"]["by"] == "pip install 'kfit[export]'"
+
+
+def test_an_extra_that_holds_others_lacks_what_they_lack(monkeypatch):
+    about = Message()
+    for line in ("onnxscript; extra == 'export'", "gone; extra == 'app'", "kfit[app,export]; extra == 'all'"):
+        about["Requires-Dist"] = line
+    for extra in ("app", "export", "all"):
+        about["Provides-Extra"] = extra
+    monkeypatch.setattr(info.metadata, "metadata", lambda name: about)
+    monkeypatch.setattr(info, "_version", lambda name: None if name == "gone" else "1.0")
+    found = {one["extra"]: one for one in info.extras()}
+    assert found["export"]["installed"]
+    assert found["all"]["lacks"] == ["gone"]

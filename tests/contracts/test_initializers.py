@@ -10,11 +10,24 @@ from torch import nn
 from walk import shipped
 
 import kfit.initializers
-from kfit.core import Angle, Bounded, Encoder, FitResult, History, Initializer, Observation, Positive, Variable
-from kfit.geometry import PoseNetwork, rotation_error, rotation_from_angles
+from kfit.core import (
+    Angle,
+    Bounded,
+    Encoder,
+    FitResult,
+    Generator,
+    History,
+    Initializer,
+    Observation,
+    Positive,
+    Rendering,
+    Variable,
+)
+from kfit.geometry import rotation_error, rotation_from_angles
 from kfit.initializers import (
     Constant,
     EncoderPosterior,
+    FromCamera,
     FromDepth,
     FromMask,
     PosePosterior,
@@ -22,6 +35,7 @@ from kfit.initializers import (
     SphereGrid,
     Uniform,
 )
+from tests.fixed_head import FixedHead
 
 VARIABLES = {
     "code": Variable((3,)),
@@ -46,17 +60,14 @@ class TinyEncoder(Encoder):
         return mean, log_variance
 
 
-class TinyPoseNetwork(PoseNetwork):
-    def __init__(self, num_azimuths):
-        super().__init__()
+class TinyPoseNetwork(FixedHead):
+    def __init__(self, symmetry, has_roll=True):
+        super().__init__(symmetry, 60.0, has_roll)
         torch.manual_seed(4)
-        self.azimuths = -math.pi + 2 * math.pi * (torch.arange(num_azimuths) + 0.5) / num_azimuths
-        self.elevations = torch.arange(4) * 0.3
-        self.layer = nn.Linear(3, 4 * num_azimuths).double()  # quantiles make much of a rounding
+        self.layer = nn.Linear(3, len(self.rotations))
 
     def forward(self, image):
-        said = (5 * self.layer(image.double().mean((2, 3)))).log_softmax(1)
-        return said.view(len(image), len(self.azimuths), 4)
+        return (5 * self.layer(image.mean((2, 3)))).log_softmax(1)
 
 
 class PerPicture(Initializer):
@@ -81,15 +92,30 @@ def answer(values):
     )
 
 
+class Ball(Generator):
+    """Half a ball at a distance, moved in the picture."""
+
+    def __init__(self):
+        super().__init__()
+        self.variables = {name: VARIABLES[name] for name in ("scale", "shift", "distance")}
+
+    def forward(self, scale, shift, distance):
+        place = torch.linspace(-1, 1, 8) - shift.sum(1, keepdim=True)
+        away = (place[:, None, :].square() + place[:, :, None].square()) / scale[:, None, None]
+        depth = distance[:, None, None] * (1 - 0.1 * (1 - away).clamp_min(0).sqrt())
+        return Rendering(away[:, None].expand(-1, 3, -1, -1), (away < 1)[:, None].float(), depth[:, None])
+
+
 BUILD = {
     Constant: [lambda: Constant({"scale": 1.5, "shift": [0.1, -0.2]}), lambda: Constant({"shift": 0.25})],
     EncoderPosterior: [lambda: EncoderPosterior(TinyEncoder()), lambda: EncoderPosterior(TinyEncoder(), spread=0.0)],
-    FromDepth: [lambda: FromDepth(1.1)],
+    FromCamera: [FromCamera],
+    FromDepth: [lambda: FromDepth(Ball(), [Constant({"scale": 1.5}), Uniform("shift", -0.5, 0.5)])],
     FromMask: [FromMask],
     PosePosterior: [
-        lambda: PosePosterior(TinyPoseNetwork(6)),
-        lambda: PosePosterior(TinyPoseNetwork(1)),
-        lambda: PosePosterior(TinyPoseNetwork(6), sample=True),
+        lambda: PosePosterior(TinyPoseNetwork("none")),
+        lambda: PosePosterior(TinyPoseNetwork("y")),
+        lambda: PosePosterior(TinyPoseNetwork("none", has_roll=False)),
     ],
     Previous: [PerPicture, lambda: PerPicture(spread={"azimuth": 0.1, "scale": 0.2})],
     SphereGrid: [

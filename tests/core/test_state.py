@@ -35,7 +35,14 @@ def test_a_whole_observation_is_taken():
 @pytest.mark.parametrize("name", GOOD)
 def test_an_observation_of_a_wrong_shape_is_refused_by_the_name_of_the_field(name):
     with pytest.raises(ValueError, match=rf"^{name} must have shape"):
-        Observation(**{**GOOD, name: GOOD[name][None]})
+        Observation(**{**GOOD, name: GOOD[name][0]})
+
+
+def test_a_volume_has_fields_of_its_size():
+    volume = torch.rand(2, 1, 3, 4, 5)
+    assert Observation(volume, weight=torch.ones(2, 1, 3, 4, 5)).num_problems == 2
+    with pytest.raises(ValueError, match=r"^weight must have shape \(2, 1, 3, 4, 5\), got \(2, 1, 4, 5\)"):
+        Observation(volume, weight=torch.ones(2, 1, 4, 5))
 
 
 @pytest.mark.parametrize("name", [name for name in GOOD if name != "image"])
@@ -144,9 +151,10 @@ class TestARecorder:
 
 def test_of_a_fit_of_several_problems_one_can_be_had_alone():
     values, rows = {"x": torch.tensor([1.0, 2.0])}, torch.tensor([0, 1, 1, 0])
+    path = torch.arange(12.0).view(3, 2, 2)
     result = FitResult(
         values, torch.tensor([0.1, 0.2]), torch.tensor([3, 4]), rows, torch.arange(4), torch.arange(4.0),
-        {"x": torch.arange(4.0)}, History(torch.zeros(0), {}, {}),
+        {"x": torch.arange(4.0)}, History(path, {"a": 2 * path}, {"x": 3 * path}), [(0, 1, 2), (1, 0, 1)], 24,
     )  # fmt: skip
     one = result.of(1)
     assert one.values == {"x": torch.tensor([2.0])}
@@ -154,3 +162,8 @@ def test_of_a_fit_of_several_problems_one_can_be_had_alone():
     assert one.all_problem.tolist() == [0, 0]
     assert one.all_start.tolist() == [1, 2]
     assert one.all_values["x"].tolist() == [1.0, 2.0]
+    assert one.history.energy.tolist() == [[[2, 3]], [[6, 7]], [[10, 11]]]
+    assert torch.equal(one.history.terms["a"], 2 * one.history.energy)
+    assert torch.equal(one.history.values["x"], 3 * one.history.energy)
+    assert one.dropped == [(0, 0, 1)]
+    assert one.num_evaluations == 24

@@ -34,13 +34,13 @@ def tiny():
     """Networks that are built in no time."""
     from kfit.baselines import CoordinateRegressor, OrientationRegressor
     from kfit.features import EfficientNetLite0
-    from kfit.generators import VAE3D, ConvEncoder, ExtentsHead, PoseHead
+    from kfit.generators import VAE3D, ConvEncoder, ExtentsHead, RotationHead
 
     return {
         "generator": VAE3D(2, (4, 4), 4, (4,)),
         "encoder": ConvEncoder(2, (4, 4), 4, 8),
         "extents": ExtentsHead(2, 4),
-        "head": PoseHead(channels=(4, 4), hidden_dim=4, bin_deg=90, image_size=8),
+        "head": RotationHead(channels=(4, 4), hidden_dim=4, bin_deg=90, image_size=8),
         "regressor": CoordinateRegressor(channels=(4, 4), num_bins=2),
         "orientation": OrientationRegressor(hidden_dim=4, image_size=32),
         "features": EfficientNetLite0((0,)),
@@ -65,6 +65,7 @@ def arguments() -> dict[str, dict]:
     dims, side = {"code_dim": 2}, {"image_size": 8}
     return {
         "Activations": {"network": nn.Sequential(nn.ReLU()), "layers": ["0"]},
+        "BendingEnergy": {"on": "flow"},
         "Bounded": {"low": 0.0, "high": 1.0},
         "ConditionalVAE": {k: small[k] for k in ("generator", "encoder", "extents")} | {"losses": {"image": L1()}},
         "Constant": {"values": {"code": 0.0}},
@@ -80,7 +81,7 @@ def arguments() -> dict[str, dict]:
             "generator": small["generator"], "energies": {"image": L1()}, "optimizer": Adam(),
             "initializers": [Constant(dict.fromkeys(("code", "azimuth", "elevation"), 0.0))],
         },
-        "FromDepth": {"unit_fraction": 1.0},
+        "FromDepth": {"generator": small["generator"], "initializers": []},
         "GaussNewton": {"lengths": {"code": 1.0}},
         "Light": {"ambient": np.ones(3), "directions": np.zeros((0, 3)), "colors": np.zeros((0, 3))},
         "Linear": {"start": 1.0, "end": 0.0},
@@ -88,7 +89,7 @@ def arguments() -> dict[str, dict]:
             "vertices": np.eye(3), "faces": np.array([[0, 1, 2]]), "uv": np.zeros((3, 2)),
             "texture": np.zeros((2, 2, 3), np.uint8), "num_points": 8, **side,
         },
-        "MetricDepth": {"generator": wrapped(small["generator"])},
+        "MetricDepth": {"generator": wrapped(small["generator"]), "unit_fraction": 1.0},
         "OrientationRegressor": {"hidden_dim": 4, "image_size": 32},
         "OrientationTraining": {"regressor": small["orientation"]},
         "Perceptual": {"network": small["features"]},
@@ -97,6 +98,8 @@ def arguments() -> dict[str, dict]:
         "PosePrior": {"head": small["head"]},
         "PoseTraining": {"pose_head": small["head"]},
         "Previous": {"result": result()},
+        "RandomCrop": {},
+        "RotationHead": {"channels": (4, 4), "hidden_dim": 4, "bin_deg": 45.0, **side},
         "Pruning": {"keep": {1: 2}},
         "Pyramid": {"energy": L1()},
         "RadianceField": {**dims, "volume_dims": (4, 4), **side},
@@ -105,6 +108,7 @@ def arguments() -> dict[str, dict]:
         "Stages": {"stages": [(Adam(), 1)]},
         "Step": {"weights": [1.0, 0.1], "at": [0.5]},
         "Template": {"picture": torch.zeros(3, 4, 4)},
+        "TotalVariation": {"on": "flow"},
         "Uniform": {"on": "code", "low": 0.0, "high": 1.0},
         "VAE2D": {**dims, "decoder_dims": (4, 4)},
         "VAE3D": {**dims, "volume_dims": (4, 4), "projection_dim": 4, "decoder_dims": (4,)},

@@ -12,7 +12,6 @@ from torch import Tensor
 
 from kfit.geometry import (
     Crop,
-    bin_log_probabilities,
     box_corners,
     diagonal_at,
     energy_weights,
@@ -38,12 +37,14 @@ def float64(*numbers: float) -> Tensor:
 
 
 class TestSlopesAreThoseOfDifferences:
+    @pytest.mark.slow
     @QUICK
     @given(TURNS, TURNS, TURNS)
     def test_of_rotations_at_any_angles(self, azimuth: float, elevation: float, roll: float) -> None:
         angles = [float64(angle).requires_grad_() for angle in (azimuth, elevation, roll)]
         assert torch.autograd.gradcheck(rotation_from_angles, angles)
 
+    @pytest.mark.slow
     @QUICK
     @given(TURNS, TURNS, TURNS)
     def test_of_a_pose_read_off_a_crop_at_any_angles(self, azimuth: float, elevation: float, roll: float) -> None:
@@ -63,10 +64,6 @@ class TestSlopesAreThoseOfDifferences:
             (lambda d, s, k: diagonal_at(d, s, k, CROP, CAMERA), [float64(0.7), float64(0, 0.2)[None], float64(1.1)]),
             (lambda t, size: box_corners(torch.eye(3).double(), t, size), [float64(0, 0, 1), float64(1, 2, 3)]),
             (lambda points: project(points, CAMERA), [float64(0.1, 0.2, 1.0)[None]]),
-            (
-                lambda a, e: bin_log_probabilities(a, e, float64(-2, 0, 2), float64(0, 1), 0.1),
-                [float64(math.pi), float64(9.0)],
-            ),
             (energy_weights, [float64(1.0, 1.1, 3.0)]),
         ],
     )

@@ -19,7 +19,7 @@ from torch.utils.data import DataLoader, Dataset
 import kfit
 from kfit.core import Energy, Rendering
 from kfit.energies import L1, Perceptual, Silhouette
-from kfit.generators import VAE3D, ConvEncoder, ExtentsHead, PoseHead, RadianceField
+from kfit.generators import VAE3D, ConvEncoder, ExtentsHead, RadianceField, RotationHead
 from kfit.training import ConditionalVAE, RandomSimilarity
 
 ROOT = Path(__file__).parents[2]
@@ -323,47 +323,6 @@ class TestCheckpoint:
         assert set(module.hparams) == set(module.hparams_initial) == plain
 
 
-class TestRandomSimilarity:
-    def test_of_nothing_gives_the_picture_itself(self):
-        image = torch.rand(5, 3, 32, 32)
-        torch.testing.assert_close(RandomSimilarity(0.0, 0.0, 1.0)(image), image, rtol=0, atol=2e-5)
-
-    def test_stays_within_its_range_and_fills_it(self, monkeypatch):
-        given = {}
-        monkeypatch.setattr(
-            "kfit.training.random_similarity.warp", lambda drawn, **values: given.update(values) or drawn
-        )
-        torch.manual_seed(0)
-        RandomSimilarity(30.0, 0.2, 1.5)(torch.ones(4000, 3, 1, 1))
-        roll, shift, scale = given["roll"].rad2deg(), given["shift"], given["scale"]
-        for value, most in ((roll, 30), (shift, 0.2), (scale.log(), math.log(1.5))):
-            assert value.abs().max() <= most * (1 + 1e-6)
-            assert value.max() > 0.99 * most
-            assert value.min() < -0.99 * most
-            assert abs(float(value.mean())) < 0.03 * most
-        assert shift.shape == (4000, 2)
-
-    def test_moves_each_picture_its_own_way_on_white(self):
-        torch.manual_seed(0)
-        image = torch.zeros(1, 3, 32, 32).expand(3, 3, 32, 32)
-        jittered = RandomSimilarity(0.0, 0.4, 1.0)(image)
-        assert jittered.shape == (3, 3, 32, 32)
-        assert len(jittered.flatten(1).unique(dim=0)) == 3
-        assert jittered.max() == 1
-
-    def test_takes_its_numbers_from_torch(self):
-        image = torch.rand(3, 3, 16, 16)
-        torch.manual_seed(5)
-        first = RandomSimilarity()(image)
-        torch.manual_seed(5)
-        assert torch.equal(RandomSimilarity()(image), first)
-
-    @pytest.mark.parametrize("settings", [{"roll_deg": -1.0}, {"shift": -0.1}, {"scale": 0.9}])
-    def test_refuses_ranges_that_are_none_by_name(self, settings):
-        with pytest.raises(ValueError, match=f"RandomSimilarity: {next(iter(settings))} must lie between"):
-            RandomSimilarity(**settings)
-
-
 @pytest.mark.slow
 def test_the_command_line_trains_goes_on_and_packs(tmp_path):
     modules = {"lightning": "kfit.training.lightning_cli", "main": "kfit.cli.main"}
@@ -396,11 +355,11 @@ def test_the_command_line_trains_goes_on_and_packs(tmp_path):
     (head,) = (tmp_path / "head").rglob("last.ckpt")
     run("main", "pack", second, "--pose-head", head, "--out", tmp_path / "mug.safetensors")
     model = kfit.load(tmp_path / "mug.safetensors")
-    assert isinstance(model.pose_head, PoseHead)
+    assert isinstance(model.pose_head, RotationHead)
     assert model.card.training["pose_head"]["steps"] == 4
 
 
-def test_a_step_on_thinned_pixels_draws_a_share_of_the_points_and_its_loss_is_on_average_the_whole_step_s(monkeypatch):
+def test_a_step_on_thinned_pixels_has_on_average_the_loss_of_the_whole_step(monkeypatch):
     field = RadianceField(4, (4, 3), 4, image_size=SIDE, refined=False)
     model = build(generator=field, pixel_stride=2)
     plain = build(generator=field, encoder=model.encoder, extents=model.extents)
@@ -409,15 +368,30 @@ def test_a_step_on_thinned_pixels_draws_a_share_of_the_points_and_its_loss_is_on
         monkeypatch.setattr(one, "log_dict", lambda *args, **kwargs: None)
     drawn = []
     picture = field._picture
-    monkeypatch.setattr(field, "_picture", lambda *args: drawn.append(tuple(args[3].shape)) or picture(*args))
+    monkeypatch.setattr(field, "_picture", lambda *args: drawn.append(tuple(args[2].shape)) or picture(*args))
     monkeypatch.setattr(torch, "randn_like", torch.zeros_like)
     losses = []
     for at in ([[0], [0]], [[0], [1]], [[1], [0]], [[1], [1]]):
         monkeypatch.setattr(torch, "randint", lambda *args, at=at: torch.tensor(at))
         losses.append(model.training_step(batch(), 0))
     whole = plain.training_step(batch(), 0)
-    assert drawn == [(2, 8, 8, 3)] * 4 + [(2, 16, 16, 3)]
+    assert drawn == [(8, 8, 3)] * 4 + [(16, 16, 3)]
     torch.testing.assert_close(sum(losses) / 4, whole)
+
+
+def test_views_are_drawn_from_the_distances_at_which_they_were_taken(monkeypatch):
+    field = RadianceField(4, (4, 3), 4, image_size=SIDE, refined=False, unit_fraction=1.1)
+    model, seen, picture = build(generator=field), [], field._picture
+    monkeypatch.setattr(model, "log", lambda *args, **kwargs: None)
+    monkeypatch.setattr(model, "log_dict", lambda *args, **kwargs: None)
+    monkeypatch.setattr(field, "_picture", lambda *args: seen.append(args[1].get("focal")) or picture(*args))
+    distance = torch.linspace(1.3, 8.0, len(batch()["azimuth"]))
+    model.training_step(batch() | {"distance": distance}, 0)
+    model.report(batch() | {"distance": distance}, "val")
+    model.training_step(batch(), 0)
+    for focal in seen[:2]:
+        torch.testing.assert_close(focal, 1.1 * (distance.square() - 1 / 4).sqrt())
+    assert seen[2] is None
 
 
 def test_a_generator_of_whole_pictures_cannot_be_thinned():

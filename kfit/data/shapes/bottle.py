@@ -50,7 +50,7 @@ def build(rng: np.random.Generator, held_out: bool) -> Mesh:
         parts.append(_label(rng, form, profile, section, height, base))
     parts += _base(rng, form, profile, section, base)
     if form.tops == ("none",):
-        end = section * [1 - form.flatten, 1.0] * neck
+        end = body.vertices.reshape(len(profile), -1, 3)[-1][:, [0, 2]]
         parts.append(plate(end, height, textures.solid(base)))
         return join(parts)
     top = bottle_tops.build(rng, str(rng.choice(form.tops)), neck, height, base)
@@ -78,7 +78,8 @@ def _section(rng: np.random.Generator, form: Form) -> np.ndarray:
     depth = float(rng.uniform(*form.depth))
     if form.section == "square":
         return rounded_rectangle(2 * depth, 2.0, rng.uniform(0.15, 0.6) * depth, 12)
-    return circle(48) * [depth, 1.0]
+    oval: np.ndarray = circle(48) * [depth, 1.0]
+    return oval
 
 
 def _profile(rng: np.random.Generator, form: Form, shapes: dict[str, Form], height: float, blended: bool) -> np.ndarray:
@@ -89,8 +90,8 @@ def _profile(rng: np.random.Generator, form: Form, shapes: dict[str, Form], heig
         others = [other for other in shapes.values() if other.section == form.section and other.base != "cap"]
         other = smooth(np.array(others[rng.integers(len(others))].profile) * [0.5, 1.0], 56)
         curve = curve + rng.uniform(0.1, 0.5) * (other - curve)
-    curve = curve * [0.5 / curve[:, 0].max(), height]
-    curve[:, 1] = curve[:, 1].clip(0, height)
+    curve[:, 0] *= 0.5 / curve[:, 0].max()
+    curve[:, 1] = height * curve[:, 1].clip(0, 1)
     corner = rng.uniform(0.02, 0.08)
     lifted = np.clip(1 - curve[:, 1] / corner, 0, 1)
     curve[:, 0] -= corner * 0.7 * (1 - np.sqrt(1 - lifted**2))

@@ -202,21 +202,30 @@ def extrusion(outline: np.ndarray, thickness: float, bevel: float, texture: np.n
     return [part.transformed(shift(centre[0], centre[1], 0) @ turn_x(-np.pi / 2)) for part in parts]
 
 
-def tube(path: np.ndarray, radii: np.ndarray | Sequence[float], texture: np.ndarray, num_around: int = 12) -> Mesh:
-    """A tube of elliptic section swept along a path in the xy plane.
+def tube(
+    path: np.ndarray,
+    radii: np.ndarray | Sequence[float],
+    texture: np.ndarray,
+    num_around: int = 12,
+    axis: np.ndarray | Sequence[float] = (0.0, 0.0, 1.0),
+) -> Mesh:
+    """A tube of elliptic section swept along a path.
 
     Args:
-        path: (P, 3) with constant z.
-        radii: (2,) or (P, 2): half width in the path's plane and half width along z.
+        path: (P, 3).
+        radii: (2,) or (P, 2): half width across the path and the axis, and half width along the axis.
         texture: (Ht, Wt, 3) uint8; rows run along the path.
         num_around: Steps around the section.
+        axis: (3,) or (P, 3) of unit length, nowhere along the path.
     """
     path = np.asarray(path, np.float64)
     radii = np.broadcast_to(np.asarray(radii, np.float64), (len(path), 2))
     tangent = np.gradient(path, axis=0)
     tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-12)
-    across = np.stack([tangent[:, 1], -tangent[:, 0], np.zeros(len(path))], axis=1)
+    across = np.cross(tangent, np.broadcast_to(np.asarray(axis, np.float64), path.shape))
+    across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)
+    along = np.cross(across, tangent)
     angle = np.linspace(0, 2 * np.pi, num_around + 1)
     offset = radii[:, :1, None] * np.cos(angle)[None, :, None] * across[:, None]
-    offset = offset - radii[:, 1:, None] * np.sin(angle)[None, :, None] * np.array([0.0, 0.0, 1.0])
+    offset = offset - radii[:, 1:, None] * np.sin(angle)[None, :, None] * along[:, None]
     return sheet(path[:, None] + offset, texture)
