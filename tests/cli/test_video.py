@@ -73,7 +73,8 @@ def test_a_clip_is_followed(videos: Path, truth: Clip, tmp_path: Path, capsys: p
     assert num_pictures(tmp_path / "overlay.webm") == 4
 
 
-def test_a_folder_is_followed_by_its_masks_and_a_frame_without_the_object_has_no_pose(
+@pytest.mark.slow
+def test_a_folder_is_tracked_by_its_masks_and_an_empty_frame_has_no_pose(
     videos: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     given = ["--masks", str(videos / "masks"), "--out", str(tmp_path)]

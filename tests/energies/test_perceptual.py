@@ -69,7 +69,7 @@ def test_the_target_goes_through_the_network_once():
     assert energy.network.calls == 4
 
 
-def test_its_network_neither_trains_nor_leaves_evaluation_and_the_given_one_stays_as_it_was():
+def test_its_network_is_a_frozen_copy_and_the_given_one_stays_as_it_was():
     given = nn.Sequential(nn.Conv2d(3, 4, 3), nn.BatchNorm2d(4))
     energy, (x, y) = Perceptual(given).train(), pictures()
     assert energy.training
@@ -111,3 +111,10 @@ def test_a_recipe_builds_energies_with_their_networks():
 def test_a_picture_that_is_not_rgb_is_refused():
     with pytest.raises(ValueError, match=r"image must have shape \(N, 3, H, W\)"):
         Perceptual(Two()).prepare(torch.rand(1, 4, 8, 8))
+
+
+def test_a_network_in_single_precision_compares_pictures_in_double():
+    torch.manual_seed(0)
+    energy = Perceptual(nn.Conv2d(3, 4, 3))
+    x, y = torch.rand(2, 2, 3, 8, 8)
+    torch.testing.assert_close(energy(x.double(), y.double()), energy(x, y))

@@ -62,6 +62,7 @@ def check_read_or_refused(path: Path) -> bool:
     return bool(said[-1])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_cut_and_damaged_pictures_are_read_or_refused(kind: str, tmp_path: Path) -> None:
     whole, path, rng = encoded(kind), tmp_path / f"p.{kind}", np.random.default_rng(1)
@@ -185,6 +186,7 @@ def test_odd_masks_are_taken(mask: str, tmp_path: Path) -> None:
         assert bool(seen.observation.field("image").isfinite().all())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("orientation", [6])
 def test_a_command_with_a_photo_turned_by_exif_takes_mask_and_box_in_upright_pixels(
     orientation: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -92,6 +92,7 @@ def wrong(recipe):
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("recipe", TRAINED, ids=lambda path: path.stem)
 def test_a_recipe_of_the_repository_is_understood_and_its_mistakes_are_told(recipe, capsys):
     assert parsed(recipe, recipe) == 0
@@ -109,6 +110,7 @@ def test_a_missing_recipe_and_a_folder_are_told(capsys, tmp_path):
     refused(capsys, tmp_path, TRAINED[-1], str(tmp_path))
 
 
+@pytest.mark.slow
 @FEW
 @given(st.binary(max_size=60) | VALUES.map(lambda value: yaml.safe_dump(value).encode()))
 def test_whatever_bytes_a_file_holds_lightning_ends_in_order(text):
@@ -187,6 +189,7 @@ def test_a_fit_s_parts_must_be_there(model):
         one_sentence(model, yaml.safe_dump(recipe), name)
 
 
+@pytest.mark.slow
 @FEW
 @given(
     st.sampled_from(["optimizer", "selector", "num_starts", "num_steps", "weights", "energies", "callbacks"]), VALUES
