@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from nocs_lookalike import write_frames
 
-from kfit.bench.nocs_accuracy import KnownObject, draws_depth, fit_known, known_objects
+from kfit.bench.nocs_accuracy import KnownObject, fit_known, known_objects
 from kfit.generators import RadianceField
 from kfit.pose import CategoryModel
 
@@ -61,6 +61,6 @@ def test_an_object_without_depth_is_not_fitted_to_it(tiny_model: CategoryModel, 
 
 
 def test_a_model_knows_whether_it_draws_depth(tiny_model: CategoryModel) -> None:
-    assert not draws_depth(tiny_model)
+    assert "depth" not in tiny_model.drawn
     tiny_model.generator = RadianceField(code_dim=4, volume_dims=[8, 4], num_samples=4)
-    assert draws_depth(tiny_model)
+    assert "depth" in tiny_model.drawn
