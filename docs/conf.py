@@ -17,6 +17,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from sphinx.application import Sphinx
 
+import kfit
 from kfit import __version__
 
 project = "kfit"
@@ -60,7 +61,7 @@ autosummary_ignore_module_all = False
 # Names of other projects, whose pages are not at hand where there is no network, and of kfit's own inner types.
 nitpick_ignore_regex = [
     ("py:.*", r"(torch|numpy|np|lightning|jsonargparse|pathlib|collections|contextlib)\..*"),
-    ("py:class", r"kfit\.core\.frozen\.Module"),
+    ("py:class", r"kfit\.(core\.frozen\.Module|geometry\.pose\.Angles)"),
     ("py:class", r"kfit\.pose\.(hypotheses\.PoseHypotheses|confidence\.Calibration|observed_object\.ObservedObject)"),
     ("py:class", r"kfit\.(data\.nocs_models\.NOCSModel|training\.training\.Training)"),
 ]
@@ -123,8 +124,18 @@ def with_factories(app: Sphinx, what: str, name: str, thing: Any, options: Any, 
     return (said.replace("<factory>", "..."), back) if words else None
 
 
+def at_home(app: Sphinx, env: Any, node: Any, content: Any) -> Any:
+    """A class that kfit offers under a short name, such as `kfit.Generator`, where its own room describes it."""
+    package, _, name = str(node.get("reftarget", "")).rpartition(".")
+    if package != "kfit" or name not in kfit._HOMES:
+        return None
+    room = ".".join(kfit._HOMES[name].split(".")[:2])
+    return env.domains["py"].resolve_xref(env, node["refdoc"], app.builder, "obj", f"{room}.{name}", node, content)
+
+
 def setup(app: Sphinx) -> None:
     """Called by Sphinx."""
+    app.connect("missing-reference", at_home)
     app.connect("autodoc-process-signature", with_factories)
     app.connect("include-read", from_root)
     app.connect("autodoc-process-docstring", in_rst)

@@ -41,7 +41,7 @@ class _Fields:
 
 @dataclass(frozen=True)
 class Observation(_Fields):
-    """B pictures to be explained.
+    """B pictures to be explained, or volumes, which have an axis D before H in all fields.
 
     Attributes:
         image: (B, C, H, W), RGB in [0, 1] on white background.
@@ -64,12 +64,13 @@ class Observation(_Fields):
     keys: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
-        check_shape("image", self.image, ("B", "C", "H", "W"))
+        volume = isinstance(self.image, Tensor) and self.image.dim() == 5
+        check_shape("image", self.image, ("B", "C", *("DHW" if volume else "HW")))
         check_float("image", self.image)
-        rows, _, height, width = self.image.shape
+        rows, _, *size = self.image.shape
         for name in ("mask", "depth", "weight"):
             if getattr(self, name) is not None:
-                check_shape(name, getattr(self, name), (rows, 1, height, width))
+                check_shape(name, getattr(self, name), (rows, 1, *size))
                 if name in ("mask", "depth"):
                     check_float(name, getattr(self, name))
         if self.intrinsics is not None:
@@ -90,11 +91,14 @@ class Rendering(_Fields):
         image: (N, C, H, W), RGB in [0, 1] on white background.
         mask: (N, 1, H, W) in [0, 1], where the generator can say.
         depth: (N, 1, H, W), distance behind the object's centre in box diagonals, where the generator can say.
+        weight: (N, 1, H, W) in [0, 1], 0 where the generator does not vouch for the pixel, such as outside a warped
+            picture; None vouches for all. A fit multiplies it with the observation's weight, see `kfit.FitPipeline`.
     """
 
     image: Tensor
     mask: Tensor | None = None
     depth: Tensor | None = None
+    weight: Tensor | None = None
 
 
 @dataclass
@@ -135,7 +139,7 @@ class FitState:
         best_energy, best_values: least ranking energy so far of each row, and the values that reached it.
         optimizer: memory of the optimizer, a pytree whose tensors lead with rows.
         notes: what callbacks remember of the rows, (N, …) each by a name of theirs; so they hold nothing themselves.
-        frozen_rows: rows that have stopped moving and still may win; see `rest`.
+        frozen_rows: rows that have stopped moving and still may win; see `freeze`.
     """
 
     step: int

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import logging
+import re
 import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -15,11 +17,14 @@ import trimesh
 from PIL import EpsImagePlugin
 
 from kfit.data.mesh import Mesh, join
+from kfit.data.mesh_tree import MOST_MATERIALS, MeshTree
 from kfit.runtime.ignored_warnings import ignore_warnings
 
+_log = logging.getLogger(__name__)
 _SUFFIXES = (".obj", ".glb", ".ply")
 _MAX_TEXTURE = 1024
 _LARGEST_FILE = 2 * 1024**3
+_USE, _MOST_USES = re.compile(rb"^[ \t]*usemtl([^\n]*)", re.MULTILINE), 100_000
 _MOST_FACES, _MOST_NODES = 50_000_000, 5_000
 _MOST_TEXELS, _LARGEST_TEXTURE = 400_000_000, 8192
 # Squares of coordinates up to here are finite in single precision.
@@ -51,8 +56,10 @@ def load_mesh(path: str | Path) -> Mesh:
     """Read a mesh with its colours, in its own frame and unit.
 
     Each material becomes a tile of one atlas: its texture (at most 1024 pixels a side) times its colour, its plain
-    colour, or the vertices' colours. NOCS's own object models are already in NOCS's frame (their coordinates agree with
-    the coordinate maps axis by axis); other meshes may need ``Mesh.transformed`` to bring y up and their front to +x.
+    colour, or the vertices' colours. Textures are read from the mesh's own folder and those below it, and in the layout
+    of ShapeNetCore.v2 from ``../images``; the log names what is not read. NOCS's own object models are already in
+    NOCS's frame (their coordinates agree with the coordinate maps axis by axis); other meshes may need
+    ``Mesh.transformed`` to bring y up and their front to +x.
 
     Raises:
         FileNotFoundError: If there is no such file.
@@ -68,15 +75,19 @@ def load_mesh(path: str | Path) -> Mesh:
     try:
         # Scans may hold undefined texture coordinates, of which numpy warns while they are read.
         with np.errstate(all="ignore"), ignore_warnings(), _without_ghostscript():
-            if path.suffix.lower() == ".glb":
-                _measure(path)
-            scene = trimesh.load_scene(path, process=False)
+            _measure(path)
+            tree = MeshTree(path)
+            scene = trimesh.load_scene(path, resolver=tree, process=False)
+            if tree.too_large is not None:
+                raise ValueError(tree.too_large)
             _measure_scene(scene)
             geometries = [g for g in scene.dump() if isinstance(g, trimesh.Trimesh) and len(g.faces)]
     except Exception as error:  # trimesh raises whatever its many parsers raise
         raise ValueError(f"path must hold a readable mesh, but {path} does not ({error}).") from error
     if not geometries:
         raise ValueError(f"path must hold triangles, but {path} has none.")
+    if tree.dropped:
+        _log.warning("%s is read without %s", path, "; ".join(dict.fromkeys(tree.dropped)))
     largest = max(float(np.abs(geometry.vertices).max()) for geometry in geometries)
     if not largest < _FARTHEST:
         raise ValueError(f"path must hold finite vertices, but {path} has one at {largest:g}.")
@@ -95,11 +106,22 @@ def load_mesh(path: str | Path) -> Mesh:
 
 
 def _measure(path: Path) -> None:
-    """Refuse a GLB file whose head asks for more than the file holds: accessors may stand for zeros, nodes be many."""
+    """Refuse a GLB or OBJ file that asks for more than it holds, or for so many parts that reading takes minutes."""
+    if path.suffix.lower() == ".obj":
+        uses = [use.strip() for use in _USE.findall(path.read_bytes())]
+        if (kinds := len(set(uses))) > MOST_MATERIALS or len(uses) > _MOST_USES:
+            limits = f"more than {MOST_MATERIALS:,} or {_MOST_USES:,}"
+            raise ValueError(f"it uses {kinds:,} materials {len(uses):,} times, {limits}")
+    if path.suffix.lower() != ".glb":
+        return
     with path.open("rb") as file:
         (length,) = struct.unpack("<12xI4x", file.read(20))
         said = json.loads(file.read(min(length, path.stat().st_size)))
     nodes, values = len(said.get("nodes", [])), sum(int(one["count"]) for one in said.get("accessors", []))
+    parts = sum(len(mesh["primitives"]) for mesh in said.get("meshes", []))
+    parts += sum(len(said.get(name, [])) for name in ("materials", "textures", "images"))
+    if parts > _MOST_NODES:
+        raise ValueError(f"it has {parts:,} primitives, materials and textures, more than {_MOST_NODES:,}")
     if nodes > _MOST_NODES:
         raise ValueError(f"it has {nodes:,} nodes, more than {_MOST_NODES:,}")
     if values > path.stat().st_size:

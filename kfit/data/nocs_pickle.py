@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import io
 import pickle
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from kfit.data.pickle_limits import DEEPEST, MOST_ITEMS, check_pickle
 from kfit.runtime.atomic_write import atomic_write
 
 # Booleans, integers, floats, bytes and text: dtypes whose memory holds values and no pointers.
@@ -24,13 +26,15 @@ def load_pickle(path: str | Path) -> Any:
 
     Raises:
         FileNotFoundError: if there is no such file.
-        ValueError: if it asks for anything else, or is damaged or no pickle.
+        ValueError: if it asks for anything else, unfolds to far more than its bytes, or is damaged or no pickle.
     """
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"there is no file {path}")
+    content = path.read_bytes()
     try:
-        return _plain(_Unpickler(io.BytesIO(path.read_bytes()), encoding="latin1").load())
+        check_pickle(content)
+        return _Plain().of(_Unpickler(io.BytesIO(content), encoding="latin1").load())
     except _RefusedError as error:
         raise ValueError(f"{path} asks for {error}, which is neither an array nor a plain value: not read") from None
     except (
@@ -102,6 +106,25 @@ def _encode(text: str, encoding: str) -> bytes:
     return text.encode("latin1")
 
 
+# What Python's own types may be made of: no number, which would be a size, and nothing that is spelt out as text.
+_GIVEN: dict[type, tuple[type, ...]] = {
+    **dict.fromkeys((bool, int, float), (bool, int, float, str)),
+    str: (str,),
+    **dict.fromkeys((bytes, bytearray), (bytes, bytearray, str)),
+    **dict.fromkeys((set, frozenset), (list, tuple, set, frozenset)),
+}
+
+
+def _built(kind: type, *given: type) -> Callable[..., Any]:
+    def build(*arguments: object) -> Any:
+        for one in arguments:
+            if not isinstance(one, given):
+                raise _RefusedError(f"{kind.__name__} of {type(one).__name__}")
+        return kind(*arguments)
+
+    return build
+
+
 _ALLOWED: dict[tuple[str, str], object] = {
     ("numpy", "dtype"): _Dtype,
     ("numpy", "ndarray"): _Array,
@@ -109,7 +132,7 @@ _ALLOWED: dict[tuple[str, str], object] = {
     **{("numpy.core.multiarray".replace("core", core), "_reconstruct"): _Array for core in ("core", "_core")},
     **{("numpy.core.multiarray".replace("core", core), "scalar"): _scalar for core in ("core", "_core")},
     **{("numpy.core.numeric".replace("core", core), "_frombuffer"): _rebuilt for core in ("core", "_core")},
-    **{("builtins", kind.__name__): kind for kind in (bool, int, float, str, bytes, bytearray, set, frozenset)},
+    **{("builtins", kind.__name__): _built(kind, *given) for kind, given in _GIVEN.items()},
 }
 
 
@@ -124,16 +147,39 @@ class _Unpickler(pickle.Unpickler):
         raise _RefusedError("something outside the file")
 
 
-def _plain(value: Any) -> Any:
-    """The value with arrays in the place of what stood for them."""
-    if isinstance(value, _Array):
-        return value.value
-    if isinstance(value, _Dtype):
-        return value.dtype
-    if isinstance(value, dict):
-        return {_plain(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple, set, frozenset)):
-        return type(value)(_plain(item) for item in value)
-    if isinstance(value, (bool, int, float, str, bytes, bytearray, np.ndarray, np.generic, type(None))):
-        return value
-    raise _RefusedError(f"a {type(value).__name__}")
+class _Plain:
+    """Puts arrays in the place of what stood for them, and measures lists and dicts that hold one another."""
+
+    def __init__(self) -> None:
+        self.known: dict[int, tuple[Any, int, Any]] = {}  # by identity: the value made, its items, and the original
+
+    def of(self, value: Any, depth: int = 0) -> Any:
+        """The value, each part of which is made once, however often it is held.
+
+        Raises:
+            _RefusedError: for what is no plain value.
+            ValueError: for too many values, or too deep ones.
+        """
+        if id(value) not in self.known:
+            if depth > DEEPEST:
+                raise ValueError(f"it holds values more than {DEEPEST} deep")
+            made, parts = self._made(value, depth + 1)
+            items = 1 + sum(self.known[id(part)][1] for part in parts)
+            if items > MOST_ITEMS:
+                raise ValueError(f"it holds more than {MOST_ITEMS:,} values")
+            self.known[id(value)] = made, items, value
+        return self.known[id(value)][0]
+
+    def _made(self, value: Any, depth: int) -> tuple[Any, list[Any]]:
+        if isinstance(value, _Array):
+            return value.value, []
+        if isinstance(value, _Dtype):
+            return value.dtype, []
+        if isinstance(value, dict):
+            made = {self.of(key, depth): self.of(item, depth) for key, item in value.items()}
+            return made, [*value.keys(), *value.values()]
+        if isinstance(value, (list, tuple, set, frozenset)):
+            return type(value)(self.of(item, depth) for item in value), list(value)
+        if isinstance(value, (bool, int, float, str, bytes, bytearray, np.ndarray, np.generic, type(None))):
+            return value, []
+        raise _RefusedError(f"a {type(value).__name__}")

@@ -17,10 +17,11 @@ from rich.progress import track
 from kfit.core.check import check_choice, check_count, check_list, check_range, check_rising, check_text
 from kfit.data import shapes
 from kfit.data.drawn_objects import DrawnObjects, in_order
+from kfit.data.hdf5 import read_dataset
+from kfit.data.mesh_tree import mesh_digests
 from kfit.data.view_parts import FIELDS, ViewParts
 from kfit.geometry import UNIT_FRACTION, azimuth_from_released
 from kfit.runtime.atomic_write import atomic_write
-from kfit.runtime.devices import memory
 
 _log = logging.getLogger(__name__)
 
@@ -88,7 +89,7 @@ def build_views(
     check_range("unit_fraction", unit_fraction, 0.1, 10)
     check_count("supersample", supersample, 1, 16)
     settings: dict[str, Any] = {
-        "source": source if isinstance(source, str) else [f"{Path(f).name} {Path(f).stat().st_size}" for f in source],
+        "source": source if isinstance(source, str) else _identities(source),
         "shapes_version": shapes.VERSION,
         "num_objects": num_objects,
         "num_views": num_views,
@@ -117,8 +118,14 @@ def build_views(
     return path
 
 
+def _identities(files: Sequence[str | Path]) -> list[str]:
+    """What tells mesh files from others: names and contents, those of their textures too."""
+    paths = [Path(file) for file in files]
+    return [f"{path.name} {digest}" for path, digest in zip(paths, mesh_digests(paths), strict=True)]
+
+
 def _finished(path: Path, settings: dict[str, Any]) -> bool:
-    return path.exists() and _settings_of(path) == settings
+    return path.is_file() and _settings_of(path) == settings
 
 
 def _draw(parts: ViewParts, source: str | Sequence[str | Path]) -> None:
@@ -163,7 +170,7 @@ def _settings_of(path: Path) -> dict[str, object] | None:
         with h5py.File(path, "r") as file:
             settings: dict[str, object] = json.loads(file.attrs["settings"])
             return settings
-    except (OSError, KeyError, ValueError):
+    except (OSError, KeyError, ValueError, TypeError):
         return None
 
 
@@ -193,14 +200,15 @@ class Views:
         if num_views is not None:
             check_count("num_views", num_views)
         path = Path(path)
-        if not path.exists():
-            raise FileNotFoundError(f"path must name a file of views, but {path} does not exist.")
+        if not path.is_file():
+            wrong = "is no regular file" if path.exists() else "does not exist"
+            raise FileNotFoundError(f"path must name a file of views, but {path} {wrong}.")
         try:
             with h5py.File(path, "r") as file:
                 there = [name for name in FIELDS if file.get(name, getlink=True) is not None]
-                data = {name: _read(file, name, path) for name in there}
+                data = {name: read_dataset(file, name, path) for name in there}
                 stated = file.attrs.get("num_views")
-        except (OSError, KeyError, RuntimeError) as error:
+        except (OSError, KeyError, RuntimeError, TypeError) as error:  # TypeError for types that NumPy lacks
             raise ValueError(f"path must name a whole HDF5 file, but {path} cannot be read ({error}).") from error
         for name, ndim in (("images", 4), ("poses", 2)):
             if name not in data or data[name].ndim != ndim:
@@ -209,6 +217,8 @@ class Views:
         images, poses = data["images"], data["poses"]
         if images.dtype != np.uint8 or images.shape[3] not in (3, 4):
             raise ValueError(f"images must be (N, H, W, 3 or 4) uint8, but {path} has {images.shape} {images.dtype}.")
+        with np.errstate(over="ignore"):  # what is too large for single precision becomes infinite
+            poses = poses.astype(np.float32)
         if poses.shape != (len(images), 2) or not np.isfinite(poses).all():
             raise ValueError(f"poses must be ({len(images)}, 2) finite degrees, but {path} has {poses.shape}.")
         views: Any = stated if stated is not None else num_views
@@ -224,7 +234,7 @@ class Views:
         self.masks: np.ndarray = (
             images[..., 3] if images.shape[3] == 4 else np.where((images < 250).any(-1), 255, 0).astype(np.uint8)
         )
-        self.elevations, self.azimuths = np.deg2rad(poses.astype(np.float32)).T
+        self.elevations, self.azimuths = np.deg2rad(poses).T
         if released:
             _log.info("%s is read as the released code's: its azimuths are converted to NOCS's axes.", path)
             self.azimuths = azimuth_from_released(self.azimuths) % np.float32(2 * np.pi)
@@ -236,18 +246,10 @@ class Views:
         if self.distances is not None and not (np.isfinite(self.distances) & (self.distances > 0)).all():
             raise ValueError(f"distances must be finite and positive, but {path} has others.")
         self.depth: np.ndarray | None = data.get("depth")
+        if self.depth is not None and not all(np.isfinite(row).all() for row in self.depth):
+            raise ValueError(f"depth must be finite, 0 outside the object, but {path} has others.")
         self.extents: np.ndarray | None = data.get("extents")
-
-
-def _read(file: h5py.File, name: str, path: Path) -> np.ndarray:
-    """A dataset that lies in the file itself and fits into memory."""
-    link = file.get(name, getlink=True)
-    dataset = file[name] if isinstance(link, h5py.HardLink) else None
-    if not isinstance(dataset, h5py.Dataset) or dataset.is_virtual or dataset.external:
-        raise ValueError(f"path must hold {name} itself, but {path} has a group or a link to elsewhere.")
-    if dataset.dtype.kind not in "biuf":
-        raise ValueError(f"{name} must be numbers, but {path} has {dataset.dtype}.")
-    if dataset.nbytes > memory():
-        raise ValueError(f"{name} must fit into memory, but takes {dataset.nbytes / 1e9:,.0f} GB in {path}.")
-    values: np.ndarray = dataset[()]
-    return values
+        if self.extents is not None:
+            whole = np.isfinite(self.extents) & (self.extents >= 0)  # a flat object has a side of 0
+            if not (whole.all() and self.extents.any(1).all()):
+                raise ValueError(f"extents must be finite and at least 0, not all 0, but {path} has others.")

@@ -1,5 +1,6 @@
 """Energies: how badly a picture explains an observation, and how unlikely a code or a pose is."""
 
+from kfit.energies import functional
 from kfit.energies.code_prior import CodePrior
 from kfit.energies.depth import Depth
 from kfit.energies.gradient import Gradient
@@ -12,9 +13,11 @@ from kfit.energies.ncc import NCC
 from kfit.energies.perceptual import Perceptual
 from kfit.energies.pixel import L1, L2
 from kfit.energies.pose_prior import PosePrior
+from kfit.energies.psnr import PSNR
 from kfit.energies.pyramid import Pyramid, ResidualPyramid
 from kfit.energies.robust import Cauchy, Charbonnier, GemanMcClure, Huber, Welsch
-from kfit.energies.silhouette import Silhouette, SoftIoU
+from kfit.energies.silhouette import Dice, Silhouette, SoftIoU
+from kfit.energies.smoothness import BendingEnergy, TotalVariation
 from kfit.energies.ssim import SSIM
 
 __all__ = [
@@ -23,11 +26,14 @@ __all__ = [
     "LPIPS",
     "MSSSIM",
     "NCC",
+    "PSNR",
     "SSIM",
+    "BendingEnergy",
     "Cauchy",
     "Charbonnier",
     "CodePrior",
     "Depth",
+    "Dice",
     "GemanMcClure",
     "Gradient",
     "Huber",
@@ -40,5 +46,7 @@ __all__ = [
     "ResidualPyramid",
     "Silhouette",
     "SoftIoU",
+    "TotalVariation",
     "Welsch",
+    "functional",
 ]

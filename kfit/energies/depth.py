@@ -32,6 +32,7 @@ class Depth(Energy):
     """
 
     on = "depth"
+    volumes = False
 
     def __init__(self, energy: Energy | None = None) -> None:
         super().__init__()

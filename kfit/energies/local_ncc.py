@@ -10,7 +10,7 @@ from torch import Tensor
 
 from kfit.core import Energy
 from kfit.core.check import check_count, check_shape
-from kfit.energies.weighting import normalized_weights
+from kfit.energies.weighting import fill_background, normalized_weights
 
 # A variance of about one grey level of 256, squared: windows flatter than that tell noise.
 _LEAST_VARIANCE = 1e-5
@@ -23,7 +23,7 @@ class LocalNCC(Energy):
     weighted pixels of a square window that the picture's border cuts off, and c = 1e-5 makes flat windows agree.
     0 for pictures that differ by smooth changes of light, about 1/2 for unrelated ones, 1 for negatives.
 
-    Shape: pictures (N, C, H, W) in [0, 1], weight (N, 1, H, W), energy (N,).
+    Shape: pictures (N, C, H, W) in [0, 1], weight (N, 1, H, W), energy (N,); volumes (N, C, D, H, W) too.
     Source: Avants et al., Symmetric diffeomorphic image registration with cross-correlation, 2008 (there squared).
 
     Args:
@@ -32,6 +32,9 @@ class LocalNCC(Energy):
     Raises:
         ValueError: for an even window or one of a single pixel, and if the pictures' shapes differ.
     """
+
+    volumes = True
+    unit_range = True
 
     def __init__(self, window_size: int = 9) -> None:
         super().__init__()
@@ -42,26 +45,28 @@ class LocalNCC(Energy):
 
     def prepare(self, target: Any, weight: Tensor | None = None) -> Any:
         target = target.to(torch.promote_types(target.dtype, torch.float32))  # variances are small differences
+        target = fill_background(target, weight)
         counted = torch.ones_like(target[:, :1]) if weight is None else weight.to(target.dtype)
         total = self._summed(counted)
         window = {"counted": counted, "total": torch.where(total > 0, total, 1)}
         mean, variance = self._moments(target, window)
-        return {
+        found = {
             "target": target,
             "mean": mean,
             "variance": variance,
             "share": normalized_weights(weight, target),
         } | window
+        return found if weight is None else found | {"weight": weight}
 
     def compare(self, prediction: Any, prepared: Any) -> Tensor:
         target: Tensor = prepared["target"]
         check_shape("prediction", prediction, tuple(target.shape))
-        prediction = prediction.to(target.dtype)
+        prediction = fill_background(prediction.to(target.dtype), prepared.get("weight"))
         mean, variance = self._moments(prediction, prepared)
         covariance = self._mean(prediction * target, prepared) - mean * prepared["mean"]
         lengths = (variance + _LEAST_VARIANCE) * (prepared["variance"] + _LEAST_VARIANCE)
         correlation = (covariance + _LEAST_VARIANCE) / lengths.sqrt()
-        energy: Tensor = ((1 - correlation) / 2 * prepared["share"]).sum((1, 2, 3))
+        energy: Tensor = ((1 - correlation) / 2 * prepared["share"]).flatten(1).sum(1)
         return energy
 
     def _moments(self, image: Tensor, window: dict[str, Tensor]) -> tuple[Tensor, Tensor]:
@@ -73,5 +78,7 @@ class LocalNCC(Energy):
 
     def _summed(self, image: Tensor) -> Tensor:
         """Sum over the window about each pixel; nothing lies outside the picture."""
-        summed: Tensor = F.avg_pool2d(image, self.window_size, 1, self.window_size // 2, divisor_override=1)
+        edge, axes = self.window_size // 2, image.dim() - 2
+        pool = F.avg_pool2d if axes == 2 else F.avg_pool3d
+        summed: Tensor = pool(F.pad(image, (edge, edge) * axes), self.window_size, 1, divisor_override=1)
         return summed

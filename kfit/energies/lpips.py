@@ -11,7 +11,7 @@ from torch import Tensor
 
 from kfit.core import ResidualEnergy
 from kfit.core.check import check_choice
-from kfit.energies.weighting import fill_background, normalized_weights
+from kfit.energies.weighting import fill_background, root_weights
 from kfit.features import VGG16, AlexNet, FeatureNetwork
 
 
@@ -41,6 +41,7 @@ class LPIPS(ResidualEnergy):
     """
 
     mixed = True
+    unit_range = True
 
     def __init__(self, backbone: Literal["alex", "vgg"] = "alex", weights: str | None = None) -> None:
         super().__init__()
@@ -58,8 +59,8 @@ class LPIPS(ResidualEnergy):
         scale = {}
         for number, (name, feature) in enumerate(features.items()):
             # a share is one of all numbers of a layer, and this is a sum over channels
-            share = normalized_weights(weight, feature) * feature.shape[1]
-            scale[name] = (share * self.get_buffer(f"head{number}")).sqrt()
+            root = root_weights(weight, feature) * feature.shape[1] ** 0.5
+            scale[name] = root * self.get_buffer(f"head{number}").sqrt()
         return super().prepare(features, weight) | {"scale": scale}
 
     def residuals(self, prediction: Any, prepared: Any) -> Tensor:

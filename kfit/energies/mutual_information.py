@@ -10,7 +10,7 @@ from torch import Tensor
 
 from kfit.core import Energy
 from kfit.core.check import check_count, check_shape
-from kfit.energies.weighting import normalized_weights
+from kfit.energies.weighting import fill_background, normalized_weights
 
 
 class MutualInformation(Energy):
@@ -21,9 +21,12 @@ class MutualInformation(Energy):
     determines the other. The kernel blurs the histogram, so that even a picture against itself stays above 0 unless
     its colours lie at the centres of bins. What lies outside [0, 1] counts as 0 or 1.
 
-    Shape: pictures (N, C, H, W) in [0, 1], weight (N, 1, H, W), energy (N,) in [0, 1].
+    Shape: pictures (N, C, H, W) in [0, 1], weight (N, 1, H, W), energy (N,) in [0, 1]; volumes
+    (N, C, D, H, W) too.
     Source: Studholme, Hill and Hawkes, An overlap invariant entropy measure of 3D medical image alignment, 1999, whose
-    measure is 2 − E; soft histograms as Mattes et al., 2003, with the kernel of Xu et al., 2008, eq. 22.
+    measure is 2 − E; soft histograms as Mattes et al., 2003, with Kornia's kernel of Xu et al., 2008, eq. 22. For
+    pictures that fill [0, 1] it is Kornia's ``normalized_mutual_information_loss`` plus 2; that takes no weights, and
+    stretches each picture to its own range.
 
     Args:
         num_bins: bins of the histogram along each side; their centres lie at 0, 1 / (num_bins − 1), …, 1.
@@ -32,20 +35,25 @@ class MutualInformation(Energy):
         ValueError: for fewer than 2 bins, and if the pictures' shapes differ.
     """
 
+    volumes = True
+    unit_range = True
+
     def __init__(self, num_bins: int = 32) -> None:
         super().__init__()
         check_count("num_bins", num_bins, 2, 1024)
         self.num_bins = num_bins
 
     def prepare(self, target: Any, weight: Tensor | None = None) -> Any:
+        target = fill_background(target, weight)
         low, near = self._bins(target)
         # each channel has a histogram of its own, so its shares must sum to 1
         share = normalized_weights(weight, target[:, :1]).flatten(2).unsqueeze(2)
-        return {"target": target, "low": low, "near": near * share}
+        found = {"target": target, "low": low, "near": near * share}
+        return found if weight is None else found | {"weight": weight}
 
     def compare(self, prediction: Any, prepared: Any) -> Tensor:
         check_shape("prediction", prediction, tuple(prepared["target"].shape))
-        low, near = self._bins(prediction)
+        low, near = self._bins(fill_background(prediction, prepared.get("weight")))
         count = self.num_bins
         # a pixel falls into four bins: the two of the prediction by the two of the target
         apart = torch.tensor([0, 1, count, count + 1], device=low.device)[:, None]

@@ -11,7 +11,7 @@ from torch import Tensor, nn
 
 from kfit.core import ResidualEnergy, frozen
 from kfit.core.check import check_choice, check_names
-from kfit.energies.weighting import fill_background, normalized_weights
+from kfit.energies.weighting import fill_background, normalized_weights, root_weights
 from kfit.features import FeatureNetwork
 
 
@@ -36,6 +36,8 @@ class Perceptual(ResidualEnergy):
             None normalizes where there is more than one layer.
     """
 
+    unit_range = True
+
     def __init__(
         self, network: FeatureNetwork | nn.Module, squared: bool = True, normalize: bool | None = None
     ) -> None:
@@ -58,11 +60,9 @@ class Perceptual(ResidualEnergy):
         normalize = len(features) > 1 if self.normalize is None else self.normalize
         scale = {}
         for name, feature in features.items():
-            share = normalized_weights(weight, feature)
-            scale[name] = share.sqrt()
+            scale[name] = root_weights(weight, feature)
             if normalize:
-                mean_square = (feature.square() * share).sum((1, 2, 3), keepdim=True)
-                # roots apart: that of a share of 0 has no slope, and the target may be asked for its own
+                mean_square = (feature.square() * normalized_weights(weight, feature)).sum((1, 2, 3), keepdim=True)
                 scale[name] = scale[name] / mean_square.clamp_min(1e-8).sqrt()
         return super().prepare(features, weight) | {"scale": scale}
 
@@ -79,6 +79,7 @@ class Perceptual(ResidualEnergy):
         return torch.cat(parts, 1) / math.sqrt(len(parts))
 
     def _features(self, image: Tensor) -> Mapping[str, Tensor]:
-        features: Mapping[str, Tensor] | Tensor = self.network(image)
+        kept = next(self.network.parameters(), image)
+        features: Mapping[str, Tensor] | Tensor = self.network(image.to(kept.dtype))
         named = features if isinstance(features, Mapping) else {"output": features}
         return {name: feature.to(torch.promote_types(feature.dtype, torch.float32)) for name, feature in named.items()}

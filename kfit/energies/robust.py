@@ -12,28 +12,33 @@ from torch import Tensor
 
 from kfit.core import ResidualEnergy
 from kfit.core.check import check_positive, check_shape
-from kfit.energies.weighting import normalized_weights
+from kfit.energies.weighting import fill_background, root_weights
 
 
 class _Robust(ResidualEnergy):
     # ρ(u) of each number as loss(u, 0, reduction="none"), about u² / 2 where u is small
     loss: Callable[..., Tensor]
 
+    volumes = True
+
     def __init__(self, scale: float = 0.1) -> None:
         super().__init__()
         check_positive("scale", scale)
         self.scale = scale
 
+    def prepare(self, target: Any, weight: Tensor | None = None) -> Any:
+        return super().prepare(fill_background(target, weight), weight)
+
     def residuals(self, prediction: Any, prepared: Any) -> Tensor:
-        target: Tensor = prepared["target"]
+        target, weight = prepared["target"], prepared.get("weight")
         check_shape("prediction", prediction, tuple(target.shape))
-        share = normalized_weights(prepared.get("weight"), target)
-        u = ((prediction - target) / self.scale).to(share.dtype)
+        root_share = root_weights(weight, target)
+        u = ((fill_background(prediction, weight) - target) / self.scale).to(root_share.dtype)
         # r = ±√ρ is smooth, its formula is not: near 0, where ρ(u) = u² / 2, the root has no slope
         near = u.abs() < 1e-4
         far = torch.where(near, 1.0, u)
         root = self.loss(far, torch.zeros_like(u), reduction="none").sqrt() * far.sign()
-        residuals: Tensor = torch.where(near, u * 0.5**0.5, root) * share.sqrt()
+        residuals: Tensor = torch.where(near, u * 0.5**0.5, root) * root_share
         return residuals.flatten(1)
 
 
@@ -45,7 +50,8 @@ class Charbonnier(_Robust):
     All kernels of this file are about u² / 2 for differences well below the scale s, and give residuals ±√ρ, so that
     a least-squares optimizer can take them.
 
-    Shape: pictures (N, C, H, W), weight (N, 1, H, W), energy (N,), residuals (N, C·H·W).
+    Shape: pictures (N, C, H, W), weight (N, 1, H, W), energy (N,), residuals (N, C·H·W); volumes
+    (N, C, D, H, W) too.
     Source: Charbonnier et al., 1994; α = 1 in Barron, A general and adaptive robust loss function, 2019.
 
     Args:

@@ -16,7 +16,7 @@ def normalized_weights(weight: Tensor | None, like: Tensor) -> Tensor:
 
     Args:
         weight: (N, 1, H, W), not negative, resized by area to the size of ``like``; None counts all pixels alike.
-        like: (N, C, h, w).
+        like: (N, C, h, w), or with volumes (N, C, d, h, w).
 
     Returns:
         (N, 1, h, w), or (N, 1, 1, 1) where ``weight`` is None; float32 at least.
@@ -26,19 +26,27 @@ def normalized_weights(weight: Tensor | None, like: Tensor) -> Tensor:
     """
     dtype = torch.promote_types(like.dtype, torch.float32)
     if weight is None:
-        return torch.full((like.shape[0], 1, 1, 1), 1 / like[0].numel(), dtype=dtype, device=like.device)
-    check_shape("weight", weight, (like.shape[0], 1, "H", "W"))
+        shape = (like.shape[0], *[1] * (like.dim() - 1))
+        return torch.full(shape, 1 / like[0].numel(), dtype=dtype, device=like.device)
+    check_shape("weight", weight, (like.shape[0], 1, *"DHW"[-(like.dim() - 2) :]))
     weight = weight.to(dtype)
-    if weight.shape[-2:] != like.shape[-2:]:
-        weight = F.adaptive_avg_pool2d(weight, (like.shape[-2], like.shape[-1]))
-    total = like.shape[1] * weight.sum((1, 2, 3), keepdim=True)
+    if weight.shape[2:] != like.shape[2:]:
+        weight = F.interpolate(weight, list(like.shape[2:]), mode="area")
+    total = like.shape[1] * weight.sum(tuple(range(1, like.dim())), keepdim=True)
     return weight / torch.where(total > 0, total, 1)
+
+
+def root_weights(weight: Tensor | None, like: Tensor) -> Tensor:
+    """Square roots of `normalized_weights`, by which differences become residuals; at 0 their slope is 0 too."""
+    share = normalized_weights(weight, like)
+    counted = share > 0
+    return torch.where(counted, torch.where(counted, share, 1).sqrt(), 0)
 
 
 def fill_background(image: Tensor, weight: Tensor | None) -> Tensor:
     """``image`` (N, C, H, W) with white, the background, wherever ``weight`` (N, 1, H, W) is 0.
 
-    Windows and receptive fields look past the pixel where they stand; painting both sides alike keeps what does not
-    count out of its neighbours too, so that a half-hidden object still has its least energy at the truth.
+    What is hidden may be anything, NaN too: painting both sides alike keeps it out of sums, and out of the windows and
+    receptive fields of its neighbours, so that a half-hidden object still has its least energy at the truth.
     """
     return image if weight is None else torch.where(weight > 0, image, 1.0)

@@ -22,6 +22,9 @@ from kfit.core import (
     Variables,
 )
 from kfit.core.contracts import Need
+from kfit.core.pictures import at_least_single
+from kfit.fitting.check_parts import check_reached, check_rendering, check_sizes, check_term
+from kfit.fitting.overlap import joint_weight, overlap_of, shortfall, too_little
 
 # Pixels that are drawn at once. On a CPU what a chunk of 16 pictures of 64 × 64 needs stays in the cache and is memory
 # that is used again: 120 at once take 1.7 times as long a picture, and 2 as long again as 16.
@@ -35,11 +38,19 @@ class Objective:
     Rows are drawn in chunks, so that memory does not grow with their number; no row's answer depends on others. Under
     ``torch.autocast`` the generator draws in its precision, and of the terms those compare in it that say they can.
 
+    Where a rendering has a weight, each energy compares under its product with the observation's weight, so a row's
+    energy is a mean over what both count, as in airlab's masked losses. The *overlap* of a row is
+    o = Σ w_rendering · w_observation / Σ w_observation. A row with o < ``min_overlap``, or of no overlap, cannot win:
+    its ranking energy is infinite (ITK 4 gives the largest number to rows of no valid points; elastix stops below its
+    RequiredRatioOfValidSamples, 0.25). Its descended energy has the residual √(Σ_k |w_k|) · (1 − o / min_overlap) more,
+    with the weights w_k of the energies, which leads it back.
+
     Args:
         generator: frozen.
         terms: energies and priors by name, frozen.
         rank_weights: weights by which rows are ranked.
         observation: B problems.
+        min_overlap: least overlap of a row that may win.
 
     Attributes:
         weights: of the terms in the energy that is descended; the pipeline sets them before each step.
@@ -52,7 +63,9 @@ class Objective:
         terms: Mapping[str, Energy | Prior],
         rank_weights: Mapping[str, float],
         observation: Observation,
+        min_overlap: float,
     ) -> None:
+        self.observation, self.min_overlap = observation, min_overlap
         self.generator, self.terms, self.rank_weights = generator, terms, rank_weights
         self.spaces = {name: variable.space for name, variable in generator.variables.items()}
         self.weights: dict[str, float] = {}
@@ -60,16 +73,19 @@ class Objective:
         self.device = observation.image.device.type
         self.prepared: dict[str, Any] = {}
         for name, term in self.terms.items():
+            if isinstance(term, Energy):
+                term.check(observation.select(term.on), observation.weight)
             with self._precision(term):
                 self.prepared[name] = (
                     term.prepare(observation.select(term.on), observation.weight)
                     if isinstance(term, Energy)
                     else term.prepare(observation)
                 )
+        self._reached = False
         self._rows: tuple[Tensor, list[Any]] | None = None
-        height, width = observation.image.shape[-2:]
+        size = observation.image[0, 0].numel()
         pixels = CHUNK_PIXELS.get(observation.image.device.type, CHUNK_PIXELS_ELSEWHERE)
-        self.chunk = max(1, pixels // (height * width))
+        self.chunk = max(1, pixels // size)
 
     def __call__(self, raw: Variables, problem: Tensor, need: Need = "value") -> Evaluation:
         """Draw and compare.
@@ -80,43 +96,62 @@ class Objective:
         self.num_evaluations += len(problem)
         prepared = self._gather(problem)
         chunks = [
-            self._evaluate({name: tensor[rows] for name, tensor in raw.items()}, prepared[number], need)
+            self._evaluate({name: tensor[rows] for name, tensor in raw.items()}, problem[rows], prepared[number], need)
             for number, rows in enumerate(self._chunks(len(problem)))
         ]
         joined: Evaluation = _joined(chunks)
         return joined
 
-    def _evaluate(self, raw: Variables, prepared: Any, need: Need) -> Evaluation:
-        wants, rows = need == "gradient", len(next(iter(raw.values())))
+    def _evaluate(self, raw: Variables, problem: Tensor, prepared: Any, need: Need) -> Evaluation:
+        wants, rows = need == "gradient", len(problem)
         terms: dict[str, Tensor] = {}
         residuals: list[Tensor] = []
         with torch.set_grad_enabled(wants):
             leaves = {name: tensor.detach().requires_grad_(wants) for name, tensor in raw.items()}
             values = {name: self.spaces[name].to_value(leaf) for name, leaf in leaves.items()}
-            rendering: Rendering = self.generator(**values).map(_at_least_single)
+            drawn = self.generator(**values)
+            check_rendering(self.generator, drawn)
+            rendering: Rendering = drawn.map(at_least_single)
+            observed = self._rows_of(self.observation.weight, problem)
+            joint = None if rendering.weight is None else joint_weight(rendering.weight, observed)
             for name, term in self.terms.items():
                 weight = self.weights[name]
                 if not weight and not self.rank_weights.get(name):
                     continue
                 selected = self._values(term, values) if isinstance(term, Prior) else rendering.select(term.on)
-                given = (selected,) if prepared[name] is None else (selected, prepared[name])
+                target = prepared[name]
+                if isinstance(term, Energy):
+                    check_sizes(name, term, rendering, self.observation)
+                if joint is not None and isinstance(term, Energy):
+                    with torch.set_grad_enabled(wants and bool(weight)), self._precision(term):
+                        target = term.prepare(self._rows_of(self.observation.select(term.on), problem), joint)
+                given = (selected,) if target is None else (selected, target)
                 if need == "residuals" and weight:
                     with self._precision(term):
                         parts = self._residuals(name, given)
+                    check_term(name, term, parts, rows, residuals=True)
                     residuals.append(weight**0.5 * parts)
                     terms[name] = parts.square().sum(1)
                     continue
                 # What only ranks has no slope.
                 with torch.set_grad_enabled(wants and bool(weight)), self._precision(term):
                     terms[name] = term(*given) if isinstance(term, Prior) else term.compare(*given)
+                check_term(name, term, terms[name], rows)
             energy = torch.stack([self.weights[name] * term for name, term in terms.items()]).sum(0)
+            ranking = torch.stack([self.rank_weights.get(name, 0.0) * term for name, term in terms.items()]).sum(0)
+            if joint is not None:
+                overlap = overlap_of(joint, observed)
+                compared = [abs(self.weights[name]) for name, term in self.terms.items() if isinstance(term, Energy)]
+                missing = sum(compared) ** 0.5 * shortfall(overlap, self.min_overlap)
+                residuals += [missing[:, None]] if need == "residuals" else []
+                energy = energy + missing.square()
+                ranking = ranking.masked_fill(too_little(overlap, self.min_overlap), torch.inf)
             gradient = self._gradient(energy, leaves) if wants else None
         if need == "residuals":
             residuals = residuals or [energy.new_zeros(rows, 0)]
-        ranked = [self.rank_weights.get(name, 0.0) * term.detach() for name, term in terms.items()]
         return Evaluation(
             energy=energy.detach(),
-            ranking=torch.stack(ranked).sum(0),
+            ranking=ranking.detach(),
             terms={name: term.detach() for name, term in terms.items()},
             values={name: value.detach() for name, value in values.items()},
             gradient=gradient,
@@ -143,11 +178,14 @@ class Objective:
             )
         return term.residuals(*given)
 
-    @staticmethod
-    def _gradient(energy: Tensor, leaves: Variables) -> Variables:
-        if not energy.requires_grad:  # no term has a weight at this step
-            return {name: torch.zeros_like(leaf) for name, leaf in leaves.items()}
-        slopes = torch.autograd.grad(energy.sum(), list(leaves.values()), allow_unused=True)
+    def _gradient(self, energy: Tensor, leaves: Variables) -> Variables:
+        slopes: tuple[Tensor | None, ...] = (None,) * len(leaves)
+        if energy.requires_grad:
+            slopes = torch.autograd.grad(energy.sum(), list(leaves.values()), allow_unused=True)
+        if not self._reached and len(energy):
+            missing = [name for name, slope in zip(leaves, slopes, strict=True) if slope is None]
+            check_reached(self.generator, self.terms, leaves, missing)
+            self._reached = True
         return {
             name: torch.zeros_like(leaf) if slope is None else slope
             for (name, leaf), slope in zip(leaves.items(), slopes, strict=True)
@@ -165,11 +203,11 @@ class Objective:
         return self._rows[1]
 
     def _targets(self, problem: Tensor) -> Any:
-        return pytree.tree_map_only(Tensor, lambda tensor: tensor.index_select(0, problem), self.prepared)
+        return self._rows_of(self.prepared, problem)
 
-
-def _at_least_single(tensor: Tensor) -> Tensor:
-    return tensor.to(torch.promote_types(tensor.dtype, torch.float32))
+    @staticmethod
+    def _rows_of(targets: Any, problem: Tensor) -> Any:
+        return pytree.tree_map_only(Tensor, lambda tensor: tensor.index_select(0, problem), targets)
 
 
 def _joined(chunks: list[Any]) -> Any:

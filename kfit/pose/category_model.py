@@ -131,7 +131,7 @@ class CategoryModel:
 
     @cached_property
     def drawn(self) -> frozenset[str]:
-        """Fields that its generator draws: ``image``, and ``mask`` and ``depth`` where it can."""
+        """Names of the fields that its generator draws, of ``image``, ``mask`` and ``depth``."""
         like = next(self.encoder.parameters())
         zeros = {name: like.new_zeros(1, *variable.shape) for name, variable in self.generator.variables.items()}
         with torch.no_grad():

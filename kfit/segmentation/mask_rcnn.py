@@ -98,10 +98,10 @@ def _parts(network: OnnxNetwork) -> dict[str, Socket] | None:
     found: dict[str, Socket] = {}
     for output in network.outputs:
         rank, whole = len(output.shape), output.kind.startswith("int")
-        if rank == 2 and output.shape[1] in (4, None) and not whole:
+        if rank == 2 and output.shape[1] in (4, None) and output.is_float:
             found["boxes"] = output
-        elif rank == 1:
+        elif rank == 1 and (whole or output.is_float):
             found["labels" if whole else "scores"] = output
-        elif rank == 4 and output.shape[1] in (1, None) and not whole:
+        elif rank == 4 and output.shape[1] in (1, None) and output.is_float:
             found["masks"] = output
     return found if len(found) == len(network.outputs) == len(PARTS) else None

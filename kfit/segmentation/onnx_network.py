@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import ast
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +21,10 @@ LARGEST_FILE = 2 * 1024**3  # what protobuf can hold
 LARGEST_SIDE = 4096
 LONGEST_NAMES = 200_000
 KINDS = {"float": np.float32, "float16": np.float16}
+# What a picture may take: seconds, as an endless loop is well-formed, and bytes of all networks together.
+LONGEST_RUN = 300.0
+LARGEST_MEMORY = 4 * 1024**3
+MOST_NUMBERS = 2**28  # of an output
 
 
 @dataclass(frozen=True)
@@ -33,12 +41,19 @@ class Socket:
     shape: tuple[int | None, ...]
     kind: str
 
+    @property
+    def is_float(self) -> bool:
+        """Whether its numbers are of floating point, so neither text, truth values nor integers."""
+        return self.kind in ("float", "float16", "double")
+
     def __str__(self) -> str:
         return f"{self.name} ({', '.join('?' if side is None else str(side) for side in self.shape)}) {self.kind}"
 
 
 class OnnxNetwork:
     """A network in an ONNX file that looks at one RGB picture, run by ONNX Runtime on the CPU.
+
+    The file may come from a stranger: a picture may take 300 seconds, and all networks together 4 GB of memory.
 
     Args:
         path: of the file.
@@ -63,7 +78,9 @@ class OnnxNetwork:
             raise ValueError(f"{path} has {self.path.stat().st_size:,} bytes, more than an ONNX file can have")
         import onnxruntime  # type: ignore[import-untyped]  # here, for loading it takes a third of a second
 
+        _bound_memory()
         options = onnxruntime.SessionOptions()
+        options.add_session_config_entry("session.use_env_allocators", "1")
         options.intra_op_num_threads = torch.get_num_threads()
         options.log_severity_level = 4  # what goes wrong is raised, and need not be printed as well
         try:
@@ -105,16 +122,54 @@ class OnnxNetwork:
         """
         source = self.inputs[0]
         planes = np.ascontiguousarray(picture.transpose(2, 0, 1), KINDS[source.kind])
-        try:
-            found = self._session.run(names, {source.name: planes[None] if len(source.shape) == 4 else planes})
-        except Exception as error:
-            size = f"{picture.shape[1]} x {picture.shape[0]}"
-            raise ValueError(f"{self.path} fails on a picture of {size} pixels: {_line(error)}") from None
+        size = f"a picture of {picture.shape[1]} x {picture.shape[0]} pixels"
+        with _time_limit(LONGEST_RUN) as limit:
+            try:
+                given = {source.name: planes[None] if len(source.shape) == 4 else planes}
+                found = self._session.run(names, given, limit)
+            except Exception as error:
+                if limit.terminate:
+                    raise ValueError(f"{self.path} takes more than {LONGEST_RUN:g} seconds for {size}") from None
+                raise ValueError(f"{self.path} fails on {size}: {_line(error)}") from None
         for name, part in zip(names, found, strict=True):
-            axes = next(len(output.shape) for output in self.outputs if output.name == name)
-            if np.ndim(part) != axes:
-                raise ValueError(f"{self.path} gave {name} of shape {np.shape(part)}, its file says {axes} axes")
-        return [np.asarray(part, np.float32) if part.dtype == np.float16 else np.asarray(part) for part in found]
+            (shape,) = (output.shape for output in self.outputs if output.name == name)
+            sides = zip(shape, np.shape(part), strict=False)
+            if np.ndim(part) != len(shape) or any(side not in (None, came) for side, came in sides):
+                told = ", ".join("?" if side is None else str(side) for side in shape)
+                raise ValueError(f"{self.path} gave {name} of shape {np.shape(part)}, its file says ({told})")
+            if np.size(part) > MOST_NUMBERS:
+                raise ValueError(
+                    f"{self.path} gave {name} of shape {np.shape(part)}, more than {MOST_NUMBERS:,} numbers"
+                )
+        return [part.astype(np.float32) if part.dtype in (np.float16, np.float64) else part for part in found]
+
+
+@lru_cache(maxsize=1)
+def _bound_memory() -> None:
+    """Give ONNX Runtime one allocator for all networks, which refuses more than `LARGEST_MEMORY`."""
+    import onnxruntime
+
+    where = onnxruntime.OrtMemoryInfo(
+        "Cpu", onnxruntime.OrtAllocatorType.ORT_ARENA_ALLOCATOR, 0, onnxruntime.OrtMemType.DEFAULT
+    )
+    limits = onnxruntime.OrtArenaCfg({"max_mem": LARGEST_MEMORY, "arena_extend_strategy": 1})  # as much as is asked for
+    onnxruntime.create_and_register_allocator(where, limits)
+
+
+@contextmanager
+def _time_limit(seconds: float) -> Iterator[Any]:
+    """Options of a run that end it after so many seconds, between two operations or turns of a loop."""
+    import onnxruntime
+
+    limit = onnxruntime.RunOptions()
+    limit.log_severity_level = 4
+    timer = threading.Timer(seconds, setattr, (limit, "terminate", True))
+    timer.daemon = True
+    timer.start()
+    try:
+        yield limit
+    finally:
+        timer.cancel()
 
 
 def _socket(node: Any) -> Socket:

@@ -40,8 +40,9 @@ class SalientObject(Segmenter):
     @staticmethod
     def fits(network: OnnxNetwork) -> bool:
         """Whether the picture has IS-Net's size and the first output is a mask."""
-        shape = network.outputs[0].shape
-        return all(side in (SIDE, None) for side in network.sides) and len(shape) == 4 and shape[1] == 1
+        first = network.outputs[0]
+        fits = all(side in (SIDE, None) for side in network.sides)
+        return fits and len(first.shape) == 4 and first.shape[1] == 1 and first.is_float
 
     def __call__(self, image: NDArray[np.float32], category: str, box: Box | None = None) -> Segment:
         height, width = image.shape[:2]

@@ -19,6 +19,7 @@ GREY = (114 / 255, 114 / 255, 114 / 255)
 SURE, ALIKE = 0.25, 0.7
 # Suppression takes the square of the first, masks take memory by the second.
 CANDIDATES, MOST = 3000, 100
+MOST_PIXELS = 2**21
 
 
 class YoloSeg(Detector):
@@ -66,6 +67,10 @@ class YoloSeg(Detector):
         found, prototypes = self.network.run(fitted.pixels, [output.name for output in self._outputs])
         if not len(found) == len(prototypes) == 1:
             raise ValueError(f"{self.network.path} answers for {len(found)} pictures, not for one")
+        if prototypes[0, 0].size > MOST_PIXELS:
+            raise ValueError(
+                f"{self.network.path} gave masks of {prototypes.shape[2:]}, more than {MOST_PIXELS:,} pixels"
+            )
         extra = prototypes.shape[1]
         boxes, scores, numbers, coefficients = _suppressed(found[0]) if self._suppressed else _suppress(found[0], extra)
         # Interpolated before the σ, as Ultralytics does: σ(x) > 1/2 where x > 0.
@@ -81,7 +86,7 @@ def _outputs(network: OnnxNetwork) -> tuple[Socket, Socket] | None:
         return None
     found, prototypes = sorted(network.outputs, key=lambda output: len(output.shape))
     rows, columns, extra = found.shape[1], found.shape[2], prototypes.shape[1]
-    if extra is None or any(output.shape[0] not in (1, None) for output in network.outputs):
+    if extra is None or any(output.shape[0] not in (1, None) or not output.is_float for output in network.outputs):
         return None
     if columns == 6 + extra:
         return found, prototypes

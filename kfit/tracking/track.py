@@ -23,19 +23,19 @@ def track(
 ) -> Iterator[TrackedPose]:
     """Poses of one object in the frames of a video, one after another.
 
-    The first frame is fitted by `CategoryModel.pose`. In the others the code is held; the pose is the more likely of
-    the last one, moved on as it moved before, and of what the pose head reads off the frame; roll, shift and scale
-    then follow by Gauss–Newton on the one drawing. The mask is the one given, else what stands out about the last
+    The first frame is fitted by `kfit.pose.CategoryModel.pose`. In the others the code is held; the pose is the more
+    likely of the last one, moved on as it moved before, and of what the pose head reads off the frame; roll, shift and
+    scale then follow by Gauss–Newton on the one drawing. The mask is the one given, else what stands out about the last
     drawing's silhouette (`kfit.segmentation.mask_near`). Where drawing and mask no longer overlap, or the energy has
     doubled, the frame is fitted from nothing in the box where the object should be.
 
     Args:
         model: with a pose head.
-        frames: as `CategoryModel.pose` takes photos, all of one size and camera.
+        frames: as `kfit.pose.CategoryModel.pose` takes photos, all of one size and camera.
         masks: (H, W) of every frame, above one half on the object.
         seed: decides the random numbers.
-        first: what else `CategoryModel.pose` is to know of the first frame: ``mask``, ``box``, ``intrinsics``,
-            ``segmenter``; ``intrinsics`` hold for all.
+        first: what else `kfit.pose.CategoryModel.pose` is to know of the first frame: ``mask``, ``box``,
+            ``intrinsics``, ``segmenter``; ``intrinsics`` hold for all.
 
     Raises:
         ValueError: for a model without a pose head, or frames or masks that cannot be used.

@@ -56,6 +56,7 @@ def test_there_are_twice_as_many_families_as_before(category):
     assert held_out >= 2 * BEFORE[category][1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("category", "held_out", "name"), FAMILIES)
 def test_a_family_fits_its_box_and_picture_and_is_closed(object_of, category, held_out, name):
     known = KNOWN[category]

@@ -28,7 +28,7 @@ def errors(clip, answers):
     return rotation_error(found, clip.rotation[: len(answers)]).rad2deg()
 
 
-@pytest.mark.parametrize("own", [False, True], ids=["true masks", "own masks"])
+@pytest.mark.parametrize("own", [pytest.param(False, marks=pytest.mark.slow), True], ids=["true masks", "own masks"])
 def test_an_object_is_followed(laptop, clip, own):
     masks = [mask > 0.5 for mask in clip.masks]
     given = {"mask": masks[0]} if own else {"masks": masks}
