@@ -14,7 +14,7 @@ from kfit.callbacks import Pruning
 from kfit.energies import SSIM, CodePrior, Perceptual, Silhouette
 from kfit.features import EfficientNetLite0
 from kfit.generators import SimilarityWarp
-from kfit.initializers import Constant, EncoderPosterior, SphereGrid
+from kfit.initializers import Constant, EncoderPosterior, FromCamera, SphereGrid
 from kfit.optimizers import Adam
 from kfit.pose.defaults import RATES
 from kfit.reports.picture_table import picture_table
@@ -35,8 +35,9 @@ pipeline = kfit.FitPipeline(
         SphereGrid(elevation_deg=(0, 60)),
         EncoderPosterior(model.encoder),
         Constant({"roll": 0.0, "shift": 0.0, "scale": 1.0}),
+        FromCamera(),
     ],
-    optimizer=Adam(RATES, betas=(0.5, 0.999)),
+    optimizer=Adam({**RATES, "focal": 0.0}, betas=(0.5, 0.999)),
     callbacks=[Pruning({0: 4, 8: 2})],
     num_starts=12,
     num_steps=24,

@@ -88,7 +88,7 @@ def watched(model: CategoryModel, photo: Photo, mask: NDArray[np.float32] | None
     left = Event()
     sighting = ObservedObject.of(photo, model.card.category, model.image_size, mask)
     seen = sighting.observation.image[0].movedim(0, -1).numpy()
-    pipeline = model.pipeline()
+    pipeline = model.pipeline(lens_known=sighting.lens_known)
     pipeline.callbacks.append(Watching(pipeline.generator, seen, told.put, left))  # type: ignore[arg-type]
 
     def fit() -> None:

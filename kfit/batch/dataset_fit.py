@@ -164,7 +164,6 @@ class DatasetFit(LightningModule):
             if self.depth and "depth" not in model.drawn:
                 continue
             self.models[category] = model
-            self.pipelines[category] = model.pipeline(self.num_starts, self.num_steps, depth=self.depth)
         if not self.models:
             names = ", ".join(data.categories)
             known = ", ".join(sorted(self.files))
@@ -185,24 +184,42 @@ class DatasetFit(LightningModule):
         if category not in self.models:
             self.modelless[category] += len(things)
         there = [(image.seen[number], image.objects[number].key) for image, number in things]
-        fine = [(one, key) for one, key in there if isinstance(one, ObservedObject)]
-        answers = iter(self._answers(category, [one for one, _ in fine], tuple(key for _, key in fine)))
-        return [next(answers) if isinstance(one, ObservedObject) else one for one, _ in there]
+        answers: dict[int, PoseResult | str] = {n: one for n, (one, _) in enumerate(there) if isinstance(one, str)}
+        for lens_known in (True, False):
+            fine = {
+                n: (one, key)
+                for n, (one, key) in enumerate(there)
+                if isinstance(one, ObservedObject) and one.lens_known == lens_known
+            }
+            if fine:
+                seen, keys = zip(*fine.values(), strict=True)
+                answers |= zip(fine, self._answers(category, lens_known, seen, keys), strict=True)
+        return [answers[n] for n in range(len(there))]
 
-    def _answers(self, category: str, seen: list[ObservedObject], keys: tuple[int, ...]) -> list[PoseResult | str]:
-        if not seen:
-            return []
+    def _answers(
+        self, category: str, lens_known: bool, seen: Sequence[ObservedObject], keys: tuple[int, ...]
+    ) -> list[PoseResult | str]:
         names = [
             name for name in ("image", "mask", "depth", "intrinsics") if getattr(seen[0].observation, name) is not None
         ]
         fields = {name: torch.cat([one.observation.field(name) for one in seen]).to(self.device) for name in names}
         with one_thread():  # so that results do not depend on how many processes share the cores
             try:
-                fit = self.pipelines[category](Observation(**fields, keys=keys), seed=self.seed)
+                fit = self._pipeline(category, lens_known)(Observation(**fields, keys=keys), seed=self.seed)
             except FitError as error:
                 return [str(error)] * len(seen)
             failed = "every start of the fit became NaN or infinite"
             return [answer or failed for answer in self.models[category].answers(fit, seen)]
+
+    def _pipeline(self, category: str, lens_known: bool) -> nn.Module:
+        """The fit of objects of a category, built when first needed."""
+        name = category if lens_known else f"{category}, lens unknown"
+        if name not in self.pipelines:
+            with torch.inference_mode(False):  # what is made under it, as in `predict`, could pass no gradient
+                self.pipelines[name] = self.models[category].pipeline(
+                    self.num_starts, self.num_steps, depth=self.depth, lens_known=lens_known
+                )
+        return self.pipelines[name]
 
     def _keep(self, data: FitData, image: ImageToFit, answers: Sequence[PoseResult | str]) -> None:
         self.counts["objects"] += sum(isinstance(answer, PoseResult) for answer in answers)

@@ -14,7 +14,7 @@ from kfit.bench.held_out_views import held_out_views
 from kfit.core import Energy, Observation, Prior
 from kfit.energies import CodePrior
 from kfit.fitting.pipeline import FitPipeline
-from kfit.generators import RadianceField, SimilarityWarp
+from kfit.generators import RadianceField, SimilarityWarp, fixed_camera
 from kfit.initializers import Constant, SphereGrid
 from kfit.models.load import load
 from kfit.optimizers import Adam
@@ -71,7 +71,7 @@ def cost_of(model: CategoryModel, sizes: Mapping[str, int]) -> Cost:
     parts: dict[str, Energy | Prior] = {name: energy for name, (energy, _) in default_energies().items()}
     code = torch.zeros(sizes["code size"])
     pipeline = FitPipeline(
-        SimilarityWarp(resized(model, len(code), side)),
+        SimilarityWarp(fixed_camera(resized(model, len(code), side))),
         {**parts, "prior": CodePrior()},
         [SphereGrid(elevation_deg=(0, 60)), Constant({"code": code.tolist(), "roll": 0.0, "shift": 0.0, "scale": 1.0})],
         Adam(RATES),

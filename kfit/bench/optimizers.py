@@ -175,7 +175,7 @@ def pose(category: str, count: int, seed: int) -> Problem:
     from kfit.bench.held_out_views import held_out_views
     from kfit.energies import CodePrior, Perceptual, Silhouette
     from kfit.features import EfficientNetLite0
-    from kfit.generators import SimilarityWarp
+    from kfit.generators import SimilarityWarp, fixed_camera
     from kfit.geometry import rotation_error, rotation_from_angles
     from kfit.initializers import Constant, EncoderPosterior, SphereGrid
     from kfit.models import load
@@ -191,7 +191,7 @@ def pose(category: str, count: int, seed: int) -> Problem:
 
     return Problem(
         f"pose, {category}",
-        SimilarityWarp(model.generator),
+        SimilarityWarp(fixed_camera(model.generator)),
         {"perceptual": Perceptual(EfficientNetLite0()), "silhouette": Silhouette(), "prior": CodePrior()},
         {"silhouette": 5.0, "prior": 0.02},
         [

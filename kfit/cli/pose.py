@@ -73,7 +73,7 @@ def parser() -> ArgumentParser:
         nargs=4,
         default=None,
         metavar=("FX", "FY", "CX", "CY"),
-        help="focal lengths and centre in pixels (default: by the photo's EXIF tags, else a view of 60° is assumed)",
+        help="focal lengths and centre in pixels (default: by the photo's EXIF tags, else estimated)",
     )
     camera.add_argument(
         "--depth",
@@ -144,7 +144,8 @@ def run(args: Namespace) -> None:
 
     model.to(device := device_of(args.device))
     if args.fit is None:
-        pipeline = model.pipeline(depth=depth is not None)
+        lens_known = camera is not None or photo.intrinsics is not None
+        pipeline = model.pipeline(depth=depth is not None, lens_known=lens_known)
     else:
         from kfit.pose.fit_recipe import fit_of
 

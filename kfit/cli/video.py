@@ -72,7 +72,7 @@ def parser() -> ArgumentParser:
         nargs=4,
         default=None,
         metavar=("FX", "FY", "CX", "CY"),
-        help="camera in pixels; else by the first frame's EXIF tags, else a 60° view is assumed",
+        help="camera in pixels; else by the first frame's EXIF tags, else the focal length is estimated",
     )
     parser.add_argument("--out", type=str, default="kfit_out", help="folder to write to", metavar="DIR")
     parser.add_argument("--seed", type=int, default=0, help="decides the random numbers")

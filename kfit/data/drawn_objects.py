@@ -76,10 +76,11 @@ def _object(source: str | Sequence[str | Path], seed: int, index: int, held_out:
     if isinstance(source, str):
         return shapes.build(source, seed * _SEED_STRIDE + index, held_out)
     light = Light.random(np.random.default_rng([seed, index, int(held_out), 2]))
-    return _from_file(Path(source[index % len(source)])), light
+    path = Path(source[index % len(source)])
+    return _from_file(path, path.stat().st_mtime_ns), light
 
 
 @lru_cache(maxsize=16)
-def _from_file(path: Path) -> Mesh:
-    """A mesh ready to draw; few files shown often under several lights are read once."""
+def _from_file(path: Path, changed: int) -> Mesh:
+    """A mesh ready to draw; few files shown often under several lights are read once after each change."""
     return with_exposure(load_mesh(path).normalised(), two_sided=None)

@@ -249,5 +249,7 @@ class Views:
         if self.depth is not None and not all(np.isfinite(row).all() for row in self.depth):
             raise ValueError(f"depth must be finite, 0 outside the object, but {path} has others.")
         self.extents: np.ndarray | None = data.get("extents")
-        if self.extents is not None and not (np.isfinite(self.extents) & (self.extents > 0)).all():
-            raise ValueError(f"extents must be finite and positive, but {path} has others.")
+        if self.extents is not None:
+            whole = np.isfinite(self.extents) & (self.extents >= 0)  # a flat object has a side of 0
+            if not (whole.all() and self.extents.any(1).all()):
+                raise ValueError(f"extents must be finite and at least 0, not all 0, but {path} has others.")

@@ -9,7 +9,7 @@ from kfit.generators.onnx_generator import OnnxGenerator
 from kfit.generators.pose_head import PoseHead
 from kfit.generators.radiance_field import RadianceField
 from kfit.generators.rotation_head import RotationHead
-from kfit.generators.similarity_warp import SimilarityWarp
+from kfit.generators.similarity_warp import SimilarityWarp, fixed_camera
 from kfit.generators.template import Template
 from kfit.generators.vae2d import VAE2D
 from kfit.generators.vae3d import VAE3D
@@ -28,4 +28,5 @@ __all__ = [
     "RotationHead",
     "SimilarityWarp",
     "Template",
+    "fixed_camera",
 ]

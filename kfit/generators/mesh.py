@@ -11,7 +11,7 @@ from torch.nn import functional as F
 
 from kfit.core import Angle, Generator, Positive, Rendering, Variable
 from kfit.core.check import check_count, check_range, check_shape
-from kfit.geometry import UNIT_FRACTION, rotation_from_angles
+from kfit.geometry import UNIT_FRACTION, focal_by_distance, rotation_from_angles
 
 # Surfaces this far apart, in box diagonals, outweigh one another by e.
 DEPTH_SOFTNESS = 0.0125
@@ -46,7 +46,7 @@ class MeshRenderer(Generator):
         num_points: P; some 4 for each pixel that the object covers leave few holes.
         image_size: side S of the picture.
         distance: of the camera from the object's centre, in diagonals.
-        unit_fraction: share of the picture's width that a unit diagonal spans at the object's centre, at scale 1.
+        unit_fraction: share of the picture's width that the bounding sphere's silhouette spans at scale 1.
 
     Raises:
         ValueError: for arrays of other shapes, a surface without area, and a camera within the object.
@@ -95,7 +95,9 @@ class MeshRenderer(Generator):
         self.register_buffer("points", (shares[..., None] * corners[face]).sum(1))
         self.register_buffer("normals", F.normalize(spans[face], dim=1))
         self.register_buffer("colors", _look_up(texture, (shares[..., None] * uv[faces[face]]).sum(1)))
-        self.image_size, self.distance, self.unit = image_size, distance, unit_fraction * image_size
+        self.image_size, self.distance = image_size, distance
+        # Pixels that a diagonal spans at the centre.
+        self.unit = image_size * float(focal_by_distance(torch.tensor(distance), unit_fraction)) / distance
         self.share = float(areas.sum()) / num_points
 
     def forward(self, **values: Tensor) -> Rendering:

@@ -7,41 +7,45 @@ from dataclasses import replace
 from torch import Tensor
 
 from kfit.core import Generator, Positive, Rendering, Variable
-
-OWN = ("distance", "focal")
+from kfit.core.check import check_range
+from kfit.geometry.camera import distance_by_focal
 
 
 class MetricDepth(Generator):
     """Draws depth as a depth camera measures it: tz is added to the generator's depth (Chen et al. 2020,
     section 4.1, "Results: Translation").
 
-    depth = t · (1 + scale · d / φ), with d the depth behind the object's centre in box diagonals that the generator
-    draws. A diagonal D at distance t spans f · D / t pixels, and scale · w where w is a unit diagonal's width in the
-    same pixels at scale 1; so D = scale · t / φ with φ = f / w, and depth = t + D · d.
+    depth = t · (1 + d / d₀), with d the depth behind the object's centre in box diagonals that the generator draws, and
+    d₀ = `kfit.geometry.distance_by_focal`(focal / scale) the distance of the camera in box diagonals: at t metres the
+    diagonal is D = t / d₀ metres, and depth = t + D · d.
 
-    Adds the variables ``distance`` t (metres, above 0) and ``focal`` φ (above 0). With known intrinsics
-    `kfit.initializers.FromDepth` sets φ and a rate of 0 holds it.
+    Adds the variable ``distance`` t (metres, above 0) and, to a generator without it, ``focal``, the focal length over
+    the picture's width (above 0).
 
     Args:
         generator: draws depth, and has a ``scale``, as `kfit.generators.SimilarityWarp`.
+        unit_fraction: share of the picture's width that the bounding sphere's silhouette spans at scale 1.
 
     Raises:
-        ValueError: if the generator has no ``scale`` or has variables of these names already; when drawing, if it
-            draws no depth.
+        ValueError: if the generator has no ``scale`` or has a ``distance`` already, and for a fraction outside
+            [0.1, 10]; when drawing, if it draws no depth.
     """
 
-    def __init__(self, generator: Generator) -> None:
+    def __init__(self, generator: Generator, unit_fraction: float) -> None:
         super().__init__()
         if "scale" not in generator.variables:
             raise ValueError(f"MetricDepth: the generator must have a scale, it has {', '.join(generator.variables)}")
-        if taken := [name for name in OWN if name in generator.variables]:
-            raise ValueError(f"MetricDepth: the generator has {', '.join(taken)} already")
-        self.generator = generator
-        self.variables = {**generator.variables} | {name: Variable((), Positive()) for name in OWN}
+        if "distance" in generator.variables:
+            raise ValueError("MetricDepth: the generator has distance already")
+        check_range("MetricDepth: unit_fraction", unit_fraction, 0.1, 10.0)
+        self.generator, self.unit_fraction = generator, unit_fraction
+        own = {name: Variable((), Positive()) for name in ("focal", "distance")}
+        self.variables = {**own, **generator.variables}
 
     def forward(self, **values: Tensor) -> Rendering:
-        drawn: Rendering = self.generator(**{name: value for name, value in values.items() if name not in OWN})
+        drawn: Rendering = self.generator(**{name: values[name] for name in self.generator.variables})
         if drawn.depth is None:
             raise ValueError("MetricDepth: the generator draws no depth")
-        distance, size = (value.view(-1, 1, 1, 1) for value in (values["distance"], values["scale"] / values["focal"]))
-        return replace(drawn, depth=distance * (1 + size * drawn.depth))
+        away = distance_by_focal(values["focal"] / values["scale"], self.unit_fraction)
+        distance, diagonal = (value.view(-1, 1, 1, 1) for value in (values["distance"], values["distance"] / away))
+        return replace(drawn, depth=distance + diagonal * drawn.depth)

@@ -9,12 +9,13 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from kfit.core import Angle, Generator, Rendering, Variable
+from kfit.core import Angle, Generator, Positive, Rendering, Variable, Variables
 from kfit.core.bound import bind_code
 from kfit.core.check import check_choice, check_count, check_list, check_range
 from kfit.generators.adain import AdaIN
 from kfit.generators.ray_march import EMPTY, RayMarch
 from kfit.generators.refinement import Refinement
+from kfit.geometry.camera import distance_by_focal, focal_by_distance
 from kfit.geometry.pose import rotation_from_angles
 
 VOLUME_SIDE = 4  # of the learned constant; each 3D layer doubles it
@@ -25,10 +26,10 @@ MIN_SLOPE = 1e-6
 
 
 class RadianceField(Generator):
-    """Draws RGB, mask and depth of one category from a code, an azimuth and an elevation, through a pinhole camera.
+    """Draws RGB, mask and depth of one category from a code and a pose, through a pinhole camera at any distance.
 
     Constant volume → AdaIN → 3D up-convolutions with AdaIN → a grid of colour c and density τ in a box about the
-    object. Each ray of the training camera is cut at the box's sides (Kay and Kajiya 1986) and looks at K even depths
+    object. Each ray of the camera is cut at the box's sides (Kay and Kajiya 1986) and looks at K even depths
     between, near to far:
     T_k = exp(−Σ_{j<k} τ_j δ), w_k = T_k (1 − exp(−τ_k δ)), mask = Σ_k w_k, image = Σ_k w_k c_k + 1 − mask,
     depth = Σ_k w_k d_k / mask (Max 1995; Mildenhall et al. 2020, equation 3). Colour and density are interpolated
@@ -36,8 +37,10 @@ class RadianceField(Generator):
     follows from the pose by geometry alone; ``Refinement`` then corrects colour and mask a little. In evaluation mode
     samples that count for less than a ten-thousandth of their pixel, most of them, are skipped.
 
-    Variables: ``code`` (code_dim,), ``azimuth`` and ``elevation`` (radians). 1.7 M parameters, 0.22 G multiply-adds a
-    picture in its convolutions, 0.17 G unrefined. Depth is in box diagonals behind the object's centre.
+    Variables: ``code`` (code_dim,), ``azimuth`` and ``elevation`` (radians), and ``focal`` (above 0), the focal length
+    over the picture's width: from it follows the camera's distance (`kfit.geometry.distance_by_focal`), at which the
+    object fills the picture as it does at any other. 1.7 M parameters, 0.22 G multiply-adds a picture in its
+    convolutions, 0.17 G unrefined. Depth is in box diagonals behind the object's centre.
 
     Args:
         code_dim: size of the code.
@@ -45,9 +48,9 @@ class RadianceField(Generator):
             and density; the grid has 4 · 2^len(volume_dims) cells along each side.
         num_samples: K, depths along a ray.
         image_size: S, side of the pictures.
-        distance: of the camera from the object's centre, in box diagonals.
-        unit_fraction: share of the picture's width that a unit diagonal at the centre spans. ``lightning`` fills it in
-            from the data's category.
+        distance: of the camera from the object's centre, in box diagonals, where ``focal`` is not given.
+        unit_fraction: share of the picture's width that the silhouette of the object's bounding sphere, whose diameter
+            is the box diagonal, spans at every distance. ``lightning`` fills it in from the data's category.
         sides: of the box along x, y and z, in diagonals of the object; what sticks out is not drawn. The tighter, the
             finer its cells. ``lightning`` fills it in from the category of procedural data.
         refined: correct pictures in 2D. Without it pixels are drawn each by itself, so that training may draw a share
@@ -60,6 +63,7 @@ class RadianceField(Generator):
 
     rays: Tensor
     half_sides: Tensor
+    focal: Tensor
 
     def __init__(
         self,
@@ -87,6 +91,7 @@ class RadianceField(Generator):
             "code": Variable((code_dim,)),
             "azimuth": Variable((), Angle()),
             "elevation": Variable((), Angle()),
+            "focal": Variable((), Positive()),
         }
         self.code_dim, self.image_size, self.num_samples = code_dim, image_size, num_samples
         self.constant = nn.Parameter(torch.randn(1, volume_dims[0], *[VOLUME_SIDE] * 3))
@@ -95,13 +100,12 @@ class RadianceField(Generator):
         nn.init.constant_(self.lift[-1].bias[3:], EMPTY / 3)  # type: ignore[index, arg-type]
         self.styles = nn.ModuleList(AdaIN(dim, code_dim, gain=GAIN) for dim in volume_dims)
         self.refinement = Refinement(code_dim) if refined else None
-        # Of each ray, where it passes the object's centre, and how far it goes while depth grows by a diagonal.
-        pixels = torch.arange(image_size) - (image_size - 1) / 2
-        slopes = pixels / (unit_fraction * image_size * distance)
-        down, right = torch.meshgrid(slopes, slopes, indexing="ij")
-        ahead = torch.ones_like(right)
-        past = torch.stack([right * distance, -down * distance, 0 * ahead], -1)
-        self.register_buffer("rays", torch.stack([past, torch.stack([right, -down, -ahead], -1)]), persistent=False)
+        # Of each pixel, where its ray goes in a camera whose focal length is the picture's width: right, up and ahead.
+        place = (torch.arange(image_size) - (image_size - 1) / 2) / image_size
+        down, right = torch.meshgrid(place, place, indexing="ij")
+        self.register_buffer("rays", torch.stack([right, -down, -torch.ones_like(right)], -1), persistent=False)
+        self.register_buffer("focal", focal_by_distance(torch.tensor(distance), unit_fraction), persistent=False)
+        self.unit_fraction = unit_fraction
         self.register_buffer("half_sides", torch.tensor(sides) / 2, persistent=False)
         # Optical depth of a diagonal per unit of the softplus: a quarter a pixel.
         self.thickness = unit_fraction * image_size / 4
@@ -114,8 +118,8 @@ class RadianceField(Generator):
         """
         if pixels is not None and self.refinement is not None:
             raise ValueError("RadianceField draws whole pictures where refined is true, so pixel_stride must be 1")
-        rays = self.rays if pixels is None else self.rays[:, pixels[0]][:, :, pixels[1]]
-        drawn = self._picture(self._volume(values["code"]), values["azimuth"], values["elevation"], rays)
+        rays = self.rays if pixels is None else self.rays[pixels[0]][:, pixels[1]]
+        drawn = self._picture(self._volume(values["code"]), values, rays)
         return drawn if self.refinement is None else self.refinement(drawn, self.refinement.style(values["code"]))
 
     def bind(self, **fixed: Tensor) -> Generator:
@@ -134,14 +138,21 @@ class RadianceField(Generator):
         volume = volume.to(torch.promote_types(volume.dtype, torch.float32))
         return volume - volume.new_tensor([0.0, 0.0, 0.0, EMPTY]).view(1, 4, 1, 1, 1)
 
-    def _picture(self, volume: Tensor, azimuth: Tensor, elevation: Tensor, rays: Tensor) -> Rendering:
+    def _picture(self, volume: Tensor, values: Variables, rays: Tensor) -> Rendering:
         # Out of autocast: bfloat16 points miss by cells, and the gradient of the angles loses its direction.
         with torch.autocast(volume.device.type, enabled=False):
-            rotation = rotation_from_angles(azimuth, elevation, torch.zeros_like(azimuth)).to(volume.dtype)
+            azimuth, elevation = values["azimuth"], values["elevation"]
+            focal = values.get("focal", self.focal.expand_as(azimuth))[:, None, None]
+            rotation = rotation_from_angles(azimuth, elevation, torch.zeros_like(azimuth))
             # A point p of the camera's frame is the object's Rᵀp; the box is the cube [−1, 1]³ of `grid_sample`, which
             # is addressed as (x, y, z) = (W, H, D).
-            turned = (rays.to(volume.dtype).flatten(0, 2) @ rotation / self.half_sides).unflatten(1, rays.shape[:3])
-            past, along = turned.unbind(1)
+            axes = rotation / self.half_sides
+            across, ahead = axes[:, :2] / focal, axes[:, 2:]
+            # What a ray gains while depth grows by a diagonal, and where it passes the object's centre.
+            along = rays.flatten(0, 1) @ torch.cat([across, ahead], 1).to(volume.dtype)
+            at_centre = across * distance_by_focal(focal, self.unit_fraction)
+            past = rays[..., :2].flatten(0, 1) @ at_centre.to(volume.dtype)
+            past, along = (part.unflatten(1, rays.shape[:2]) for part in (past, along))
             along = torch.where(along.abs() < MIN_SLOPE, MIN_SLOPE, along)
             walls = torch.stack([(-1 - past) / along, (1 - past) / along])
             # Objects of unit diagonal stay within half a diagonal of their centre, whichever way they are turned.
@@ -168,8 +179,7 @@ class _BoundCode(Generator):
 
     def forward(self, **values: Tensor) -> Rendering:
         rows, field = len(values["azimuth"]), self.generator
-        volume = self.volume.expand(rows, *self.volume.shape[1:])
-        drawn = field._picture(volume, values["azimuth"], values["elevation"], field.rays)
+        drawn = field._picture(self.volume.expand(rows, *self.volume.shape[1:]), values, field.rays)
         if field.refinement is None or self.style is None:
             return drawn
         refined: Rendering = field.refinement(drawn, self.style.expand(rows, -1))

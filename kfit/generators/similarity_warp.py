@@ -10,6 +10,8 @@ from kfit.core import Angle, Generator, Positive, Rendering, Variable, Variables
 from kfit.core.check import check_names
 
 OWN = ("roll", "shift", "scale")
+# What the generator inside sees changes with the scale.
+PLANE = (*OWN, "focal")
 
 
 class SimilarityWarp(Generator):
@@ -21,7 +23,9 @@ class SimilarityWarp(Generator):
     the generator draws a weight, what is outside its picture counts, and colours are warped premultiplied by it.
 
     Adds the variables ``roll`` (radians, anticlockwise), ``shift`` (2,) in half-widths of the picture (x right, y up)
-    and ``scale`` (above 0; 1 leaves the size).
+    and ``scale`` (above 0; 1 leaves the size). A generator's ``focal``, the focal length over the picture's width, is
+    that of the finished picture: enlarged as it is by the scale, it is drawn with focal / scale, so that the camera
+    stands as near as a photo's does in which the object is as large.
 
     Args:
         generator: draws the picture before the warp.
@@ -45,6 +49,8 @@ class SimilarityWarp(Generator):
 
     def forward(self, **values: Tensor) -> Rendering:
         inner = {name: value for name, value in values.items() if name not in OWN}
+        if "focal" in inner:
+            inner["focal"] = inner["focal"] / values["scale"]
         if inner and not torch.is_grad_enabled() and not torch.compiler.is_compiling():
             return warp(self._drawn_once(inner), values["roll"], values["shift"], values["scale"])
         drawn: Rendering = self.generator(**inner)
@@ -70,10 +76,19 @@ class SimilarityWarp(Generator):
             ValueError: for a name that is no variable of this generator.
         """
         check_names("bind", fixed, self.variables)
-        inner = {name: value for name, value in fixed.items() if name not in OWN}
-        own = {name: value for name, value in fixed.items() if name in OWN}
+        inner = {name: value for name, value in fixed.items() if name not in PLANE}
+        own = {name: value for name, value in fixed.items() if name in PLANE}
         bound = SimilarityWarp(self.generator.bind(**inner)) if inner else self
         return Generator.bind(bound, **own) if own else bound
+
+
+def fixed_camera(generator: Generator) -> Generator:
+    """The generator with its ``focal``, if it has one, held at the generator's own.
+
+    So all rows are drawn from one distance, as the paper's generator draws, and nothing needs to be known of a camera.
+    """
+    own = getattr(generator, "focal", None)
+    return generator if own is None else generator.bind(focal=own)
 
 
 def warp(drawn: Rendering, roll: Tensor, shift: Tensor, scale: Tensor) -> Rendering:

@@ -5,6 +5,8 @@ from kfit.geometry.camera import (
     UNIT_FRACTION,
     depth_along,
     diagonal_at,
+    distance_by_focal,
+    focal_by_distance,
     intrinsics_from_exif,
     intrinsics_from_fov,
     observed,
@@ -12,6 +14,7 @@ from kfit.geometry.camera import (
     viewing_ray,
     viewing_ray_rotation,
     was_cropped,
+    with_focal,
 )
 from kfit.geometry.categories import CATEGORIES, Category
 from kfit.geometry.clusters import energy_weights, rotation_clusters, rotation_spread_deg
@@ -40,7 +43,9 @@ __all__ = [
     "box_corners",
     "depth_along",
     "diagonal_at",
+    "distance_by_focal",
     "energy_weights",
+    "focal_by_distance",
     "from_opencv",
     "intrinsics_from_exif",
     "intrinsics_from_fov",
@@ -55,4 +60,5 @@ __all__ = [
     "viewing_ray",
     "viewing_ray_rotation",
     "was_cropped",
+    "with_focal",
 ]

@@ -16,7 +16,7 @@ from kfit.core.check import check_count, check_range
 from kfit.geometry.crop import Crop
 from kfit.geometry.pose import rotation_from_angles, to_opencv
 
-# Width of a unit diagonal at the object's centre over the width of the picture, as the generator draws it at scale 1.
+# Share of the picture's width that the silhouette of the object's bounding sphere spans at scale 1.
 UNIT_FRACTION = 0.95
 # EXIF tag numbers (Exif 2.32, tables 8 and 9).
 _FOCAL_LENGTH, _FOCAL_LENGTH_35MM, _PIXELS_X, _PIXELS_Y = 0x920A, 0xA405, 0xA002, 0xA003
@@ -86,6 +86,14 @@ def was_cropped(tags: Mapping[int, Any], width: int, height: int) -> bool:
     return abs(across - down) > _ALIKE * max(across, down)
 
 
+def with_focal(intrinsics: Tensor, focal: Tensor) -> Tensor:
+    """The same cameras (…, 3, 3) with other focal lengths (…) in pixels, means of both axes."""
+    ratio = focal / ((intrinsics[..., 0, 0] + intrinsics[..., 1, 1]) / 2)
+    changed = intrinsics.expand(*ratio.shape, 3, 3).clone()
+    changed[..., :2, :2] *= ratio[..., None, None]
+    return changed
+
+
 def viewing_ray(pixel: Tensor, intrinsics: Tensor) -> Tensor:
     """Unit direction (…, 3) in OpenCV axes of the ray through a pixel (…, 2); intrinsics (…, 3, 3)."""
     homogeneous = torch.cat((pixel, torch.ones_like(pixel[..., :1])), -1)
@@ -112,6 +120,33 @@ def viewing_ray_rotation(pixel: Tensor, intrinsics: Tensor) -> Tensor:
     return rotation
 
 
+def focal_by_distance(distance: Tensor, unit_fraction: float = UNIT_FRACTION) -> Tensor:
+    """Focal length over the picture's width at which an object fills the picture as it does at any distance.
+
+    φ = u · √(d² − 1/4): a sphere of diameter 1, which holds an object whose box diagonal is 1, has a silhouette of
+    diameter 1 / √(d² − 1/4) times the focal length, so that spans the share u of the width.
+
+    Args:
+        distance: d of the camera from the object's centre, in box diagonals, above 1/2.
+        unit_fraction: u.
+
+    >>> float(focal_by_distance(torch.tensor(1.3), 1.0))
+    1.2000000476837158
+    """
+    return unit_fraction * (distance.square() - 0.25).sqrt()
+
+
+def distance_by_focal(focal: Tensor, unit_fraction: float = UNIT_FRACTION) -> Tensor:
+    """The inverse of `focal_by_distance`, d = √(1/4 + (φ / u)²).
+
+    In a picture of an object at another scale, φ is the focal length over the picture's width and over that scale.
+
+    >>> float(distance_by_focal(torch.tensor(1.2), 1.0))
+    1.2999999523162842
+    """
+    return (0.25 + (focal / unit_fraction).square()).sqrt()
+
+
 def pose_from_crop(
     azimuth: Tensor,
     elevation: Tensor,
@@ -127,14 +162,15 @@ def pose_from_crop(
 
     The generator's camera looks straight at the *object's* centre, wherever the shift then moves the picture. So that
     camera's axis is the ray through the pixel p = centre + side / 2 · (shift_x, −shift_y), at an angle θ to the photo's
-    axis, and R = R_ray · diag(1, −1, −1) · Rz(roll) Rx(elevation) Ry(azimuth). On this ray at distance t, a diagonal D
-    subtends D / t. A small angle spans f / cos²θ photo pixels along the radius and f / cos θ across it: as a similarity
-    has one scale, their geometric mean. It is seen as scale · unit_fraction · side pixels, hence
+    axis, and R = R_ray · diag(1, −1, −1) · Rz(roll) Rx(elevation) Ry(azimuth). About this ray a small angle spans
+    f / cos²θ photo pixels along the radius and f / cos θ across it: as a similarity has one scale, their geometric
+    mean. In the photo, the object's bounding sphere spans scale · unit_fraction · side pixels, hence by
+    `distance_by_focal`, with D the diagonal,
 
-        t = f · D / (scale · unit_fraction · side · cos^{3/2} θ),    translation = t · ray.
+        t = D · √(1/4 + (f / (scale · unit_fraction · side · cos^{3/2} θ))²),    translation = t · ray.
 
-    On the axis this is tz = f D / (scale · crop_px); off it the photo is stretched, which no similarity can follow:
-    by 1 / cos θ, that is 2 % at 10° and 10 % at 25°.
+    Off the axis the photo is stretched, which no similarity can follow: by 1 / cos θ, that is 2 % at 10° and 10 % at
+    25°.
 
     Args:
         azimuth, elevation, roll: (N,) in radians.
@@ -143,7 +179,7 @@ def pose_from_crop(
         crop: the square that was fitted.
         intrinsics: (3, 3) or (N, 3, 3) of the photo.
         diagonal: of the object's bounding box in metres, a number or (N,).
-        unit_fraction: width of a unit diagonal over the picture's, at scale 1.
+        unit_fraction: share of the picture's width that the bounding sphere's silhouette spans, at scale 1.
 
     Returns:
         rotation (N, 3, 3) and translation (N, 3) in metres: object to camera, OpenCV axes.
@@ -153,7 +189,7 @@ def pose_from_crop(
     rotation = viewing_ray_rotation(pixel, intrinsics) @ to_opencv(rotation_from_angles(azimuth, elevation, roll))
     ray = viewing_ray(pixel, intrinsics)
     focal = (intrinsics[..., 0, 0] + intrinsics[..., 1, 1]).to(shift) / 2
-    distance = focal * diagonal / (scale * unit_fraction * crop.side * ray[..., 2] ** 1.5)
+    distance = diagonal * distance_by_focal(focal / (scale * crop.side * ray[..., 2] ** 1.5), unit_fraction)
     return rotation, distance[..., None] * ray
 
 
@@ -187,12 +223,12 @@ def depth_along(depth: Tensor, pixel: Tensor, intrinsics: Tensor) -> Tensor:
     return along
 
 
-def observed(crop: Crop, image: Any, mask: Any, depth: Any, intrinsics: Tensor) -> Observation:
-    """What `Crop.cut` gives, with the photo's depth (H, W) along the ray of the crop's middle, and the crop's camera.
+def observed(crop: Crop, image: Any, mask: Any, depth: Any | None, intrinsics: Tensor) -> Observation:
+    """What `Crop.cut` gives, with the crop's camera and, where there is depth (H, W), that along the ray of its middle.
 
     Errors are those of `Crop.cut`.
     """
-    along = depth_along(torch.as_tensor(depth), torch.tensor(crop.centre), intrinsics)
+    along = None if depth is None else depth_along(torch.as_tensor(depth), torch.tensor(crop.centre), intrinsics)
     return replace(crop.cut(image, mask, along), intrinsics=(crop.image_to_crop @ intrinsics).float()[None])
 
 

@@ -2,6 +2,7 @@
 
 from kfit.initializers.constant import Constant
 from kfit.initializers.encoder_posterior import EncoderPosterior
+from kfit.initializers.from_camera import FromCamera
 from kfit.initializers.from_depth import FromDepth
 from kfit.initializers.from_mask import FromMask
 from kfit.initializers.pose_posterior import PosePosterior
@@ -12,6 +13,7 @@ from kfit.initializers.uniform import Uniform
 __all__ = [
     "Constant",
     "EncoderPosterior",
+    "FromCamera",
     "FromDepth",
     "FromMask",
     "PosePosterior",

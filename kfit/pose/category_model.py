@@ -25,7 +25,7 @@ from kfit.core import (
 )
 from kfit.fitting.pipeline import FitPipeline
 from kfit.generators import ExtentsHead, MetricDepth, SimilarityWarp
-from kfit.geometry import Crop, PoseNetwork, diagonal_at, pose_from_crop, to_opencv
+from kfit.geometry import Crop, PoseNetwork, diagonal_at, pose_from_crop, to_opencv, with_focal
 from kfit.optimizers import Adam
 from kfit.pose.card import Card
 from kfit.pose.confidence import confidence
@@ -83,6 +83,7 @@ class CategoryModel:
         num_steps: int = 16,
         callbacks: Sequence[Callback] | None = None,
         depth: bool = False,
+        lens_known: bool = True,
         energies: Mapping[str, tuple[Energy, float]] | None = None,
     ) -> FitPipeline:
         """The fit that `pose` runs: the paper's, with an energy that works offline.
@@ -92,26 +93,32 @@ class CategoryModel:
         drawn once to choose the best. Of 40 unseen mugs, laptops and cans each, more starts and steps found no better
         poses. Adam at the released rates, which fall from step to step; E = features of EfficientNet-Lite0 + 2 · SSIM
         + 5 · silhouette + 0.02 · code prior + the card's pose weight · what the pose head says, and where there is
-        depth 4 · its difference in mean box diagonals.
+        depth ½ · Geman and McClure's kernel of its difference over 0.05 mean box diagonals.
         ``kfit bench energies`` compares others with the first three. A generator that draws no mask is fitted without
         the silhouette.
 
         Args:
             num_starts, num_steps: as in `kfit.FitPipeline`.
             callbacks: pruning to half the starts at step 3 unless given.
-            depth: the observation has depth and intrinsics, which fix the distance; the generator must draw depth.
+            depth: the observation has depth, which fixes the distance; the generator must draw depth.
+            lens_known: drawings have the perspective of the observation's intrinsics; else their focal length is where
+                the fit starts, and `kfit.energies.LensPrior` has a word in how far it goes.
             energies: of drawing and photo, by name and with their weights, instead of the first three.
         """
-        warped: Generator = SimilarityWarp(self.generator)
+        drawn: Generator = SimilarityWarp(self.generator)
+        if depth:
+            drawn = MetricDepth(drawn, self.card.unit_fraction)
+        compared = self._default_energies() if energies is None else energies
         parts, weights, initializers, rates = default_parts(
-            self.encoder, self.pose_head, self.card, depth, self._default_energies() if energies is None else energies
+            drawn, self.encoder, self.pose_head, self.card, depth, lens_known, compared
         )
         return FitPipeline(
-            MetricDepth(warped) if depth else warped,
+            drawn,
             parts,
             initializers,
             Adam(rates, BETAS, FINAL_RATE_FRACTION ** (1 / max(1, num_steps))),
-            weights=weights,
+            weights=dict(weights),
+            rank_weights={name: weight for name, weight in weights.items() if name != "lens"},
             callbacks=[Pruning({3: max(1, num_starts // 2)})] if callbacks is None else callbacks,
             num_starts=num_starts,
             num_steps=num_steps,
@@ -148,9 +155,9 @@ class CategoryModel:
         """Find the object's pose, size and look in a photo.
 
         The mask is the one given, else the segmenter's, else GrabCut's in ``box``, else the file's alpha channel, else
-        GrabCut's in the whole picture. Intrinsics are those given, else by the file's EXIF tags, else those of a camera
-        that sees 60° along the longer side. Distance and size in metres rest on ``depth`` or, without it, on the
-        category's mean size.
+        GrabCut's in the whole picture. Intrinsics are those given, else by the file's EXIF tags; else the focal length
+        is fitted too, though most of what is known of it is how long lenses are and how near people stand. Distance and
+        size in metres rest on ``depth`` or, without it, on the category's mean size.
 
         Args:
             image: path of a photo, what `kfit.segmentation.read_photo` made of it, or (H, W, 3)
@@ -169,7 +176,7 @@ class CategoryModel:
                 sentence.
         """
         seen = ObservedObject.of(image, self.card.category, self.image_size, mask, box, intrinsics, depth, segmenter)
-        pipeline = pipeline or self.pipeline(depth=depth is not None)
+        pipeline = pipeline or self.pipeline(depth=depth is not None, lens_known=seen.lens_known)
         there: Observation = seen.observation.map(lambda tensor: tensor.to(pipeline.device))
         return self.answer(pipeline(there, seed=seed), seen)
 
@@ -180,8 +187,11 @@ class CategoryModel:
 
     def placed(self, fitted: Variables, crop: Crop, camera: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Rotation (1, 3, 3), translation (1, 3) and box diagonal (1,) in metres of one problem's fitted values in the
-        photo's camera (3, 3): by the fitted distance where there is one, else by the category's mean size."""
+        photo's camera (3, 3), with the fitted focal length if there is one: by the fitted distance where there is one,
+        else by the category's mean size."""
         values, unit = {name: value.double() for name, value in fitted.items()}, self.card.unit_fraction
+        if "focal" in values:
+            camera = with_focal(camera.double(), values["focal"] * crop.side)
         angles = (values["azimuth"], values["elevation"], values["roll"])
         shift, scale, camera = values["shift"], values["scale"], camera.double()
         diagonal = torch.tensor([self.card.mean_diagonal], dtype=torch.float64)
@@ -194,7 +204,8 @@ class CategoryModel:
         """What N values of a fit look like, on the CPU and without a gradient."""
         warped = SimilarityWarp(self.generator)
         with torch.no_grad():
-            drawn = warped(**{name: values[name].to(self.device) for name in warped.variables})
+            there = [name for name in warped.variables if name in values]
+            drawn = warped(**{name: values[name].to(self.device) for name in there})
             on_cpu: Rendering = drawn.map(lambda tensor: tensor.cpu())
         return on_cpu
 

@@ -17,6 +17,8 @@ from kfit.pose.result import Alternative
 LEAST = 0.01
 # The most confidence in answers to pictures unlike those of the calibration.
 DOUBTFUL = 0.5
+# Of the prior on an unknown lens in a fit's energy. It says nothing of the pose, so neither ranks nor calibrates.
+LENS_WEIGHT = 0.05
 EVIDENCE = ("weight", "energy", "agreement", "looks")
 
 
@@ -80,12 +82,15 @@ class Calibration:
     def covers(self, fit: FitResult) -> bool:
         """Whether a fit was made as those of the calibration were: starts, steps, survivors, terms and weights.
 
+        A fit of a photo whose lens is unknown was, too: what its prior adds is left out.
+
         The weights are tried on the fit's last step, whose energies must be E = Σ_k w_k · e_k by them.
         """
-        weights, terms = self.fits["weights"], fit.history.terms
+        weights, terms = self.fits["weights"], dict(fit.history.terms)
+        lens = terms.pop("lens", torch.zeros(1))
         if set(terms) != set(weights) or how_fitted(fit, weights) != self.fits:
             return False
-        energy = fit.history.energy[-1]
+        energy = fit.history.energy[-1] - LENS_WEIGHT * lens[-1]
         sums = torch.stack([weight * terms[name][-1] for name, weight in weights.items()]).sum(0)
         there = energy.isfinite()
         return bool(torch.allclose(sums[there], energy[there], rtol=1e-3, atol=1e-5))

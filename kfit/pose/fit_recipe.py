@@ -8,7 +8,7 @@ from pathlib import Path
 from jsonargparse import ArgumentError, ArgumentParser
 
 from kfit.fitting.pipeline import FitPipeline
-from kfit.generators import SimilarityWarp
+from kfit.generators import SimilarityWarp, fixed_camera
 from kfit.initializers import EncoderPosterior
 from kfit.pose.category_model import CategoryModel
 from kfit.runtime.class_paths import current_path, read_old_paths
@@ -21,8 +21,9 @@ def fit_of(recipe: str | Path, model: CategoryModel, changes: Sequence[str] = ()
 
     A recipe names Python classes, whose modules are imported: take one as you take a program, from whom you trust.
     It holds the arguments of `kfit.FitPipeline` but the generator, each part by its ``class_path``; see
-    ``recipes/fit_released.yaml``. The model gives the generator, in `kfit.generators.SimilarityWarp`; its encoder's
-    posterior, where no initializer sets the code; and its category's symmetry, for a selector that asks for one.
+    ``recipes/fit_released.yaml``. The model gives the generator, in `kfit.generators.SimilarityWarp`, and drawn from
+    one distance where no initializer sets the ``focal``; its encoder's posterior, where none sets the code; and its
+    category's symmetry, for a selector that asks for one.
 
     Args:
         recipe: path of the YAML file.
@@ -51,7 +52,9 @@ def fit_of(recipe: str | Path, model: CategoryModel, changes: Sequence[str] = ()
         parts.pop("config")
         if all("code" not in initializer.on for initializer in parts["initializers"]):
             parts["initializers"] = [*parts["initializers"], EncoderPosterior(model.encoder)]
-        return FitPipeline(SimilarityWarp(model.generator), **parts).to(model.device)
+        distant = any("focal" in initializer.on for initializer in parts["initializers"])
+        generator = model.generator if distant else fixed_camera(model.generator)
+        return FitPipeline(SimilarityWarp(generator), **parts).to(model.device)
     except (ArgumentError, ValueError, TypeError, RecursionError) as error:
         told = sentence(str(error))
         reason = "it must map names to values" if told.startswith("Unexpected config") else told

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,9 @@ from kfit.geometry import intrinsics_from_fov
 from kfit.pose.check_intrinsics import check_intrinsics
 from kfit.segmentation import GrabCut, Segment, Segmenter, binary_mask, clean_mask
 
+# Along the longer side, of a camera of which nothing is known: its focal length is 1.2 times that side; see
+# `kfit.energies.LensPrior`.
+UNKNOWN_FOV_DEG = math.degrees(2 * math.atan(0.5 / 1.2))
 # How far arithmetic may have taken colours out of [0, 1].
 ROUNDING = 1e-3
 
@@ -113,7 +117,7 @@ def choose_camera(
     notes: list[str],
     doubts: list[str],
 ) -> tuple[Tensor, str]:
-    """Intrinsics (3, 3) and where they come from: "given", "EXIF" (``known``) or "assumed".
+    """Intrinsics (3, 3) and where they come from: "given", "EXIF" (``known``) or "estimated".
 
     Raises:
         ValueError: if those given are no camera, or one that cannot have taken this photo.
@@ -129,5 +133,4 @@ def choose_camera(
         return given, "given"
     if known is not None:
         return known, "EXIF"
-    notes.append("intrinsics assumed: a camera that sees 60° along the photo's longer side; distance depends on it")
-    return intrinsics_from_fov(width, height, 60.0), "assumed"
+    return intrinsics_from_fov(width, height, UNKNOWN_FOV_DEG), "estimated"

@@ -2,18 +2,28 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numpy as np
 from torch import Tensor
 
 from kfit.core import FitResult, Rendering, Variables
-from kfit.geometry import CATEGORIES
+from kfit.energies.lens_prior import DISTANCE_SPREAD, FOCAL_SPREAD
+from kfit.geometry import CATEGORIES, with_focal
 from kfit.pose.confidence import DOUBTFUL
 from kfit.pose.hypotheses import PoseHypotheses
 from kfit.pose.object_depth import wrong_size
 from kfit.pose.observed_object import ObservedObject
 from kfit.pose.result import PoseResult
+
+# By where the intrinsics come from. EXIF tags are rounded to a millimetre, and lenses miss their names by some percent;
+# what is left of both parts of `kfit.energies.LensPrior`, as little of an object's picture tells its lens.
+FOCAL_LOG_SD = {
+    "given": 0.0,
+    "EXIF": 0.03,
+    "estimated": (FOCAL_SPREAD**-2 + DISTANCE_SPREAD**-2) ** -0.5,
+}
 
 
 def interpret(
@@ -37,6 +47,11 @@ def interpret(
         draw: renders values of the fit.
     """
     rotation, translation, size = placed
+    camera, notes = seen.intrinsics.double(), list(seen.notes)
+    if not seen.lens_known:
+        if "focal" in fit.values:
+            camera = with_focal(camera, fit.values["focal"][0].double() * seen.crop.side)
+        notes.append(_lens_note(camera, max(seen.image.shape[:2])))
     size_doubt = wrong_size(CATEGORIES[category], float(size.norm())) if "distance" in fit.values else None
     most = DOUBTFUL if seen.doubtful or size_doubt is not None else 1.0
     rows, columns = (np.flatnonzero((seen.mask > 0.5).any(axis)) for axis in (1, 0))
@@ -52,10 +67,11 @@ def interpret(
         confidence=min(hypotheses.confidence, most),
         ambiguous=hypotheses.ambiguity is not None,
         alternatives=hypotheses.alternatives,
-        intrinsics=seen.intrinsics.double().numpy(),
+        intrinsics=camera.numpy(),
         intrinsics_from=seen.intrinsics_from,
+        focal_log_sd=FOCAL_LOG_SD[seen.intrinsics_from],
         notes=[
-            *seen.notes,
+            *notes,
             *(note for note in (size_doubt, hypotheses.warning, hypotheses.ambiguity) if note is not None),
         ],
         image=seen.image,
@@ -65,4 +81,13 @@ def interpret(
         drawing=drawing.numpy(),
         fit=fit,
         draw=draw,
+    )
+
+
+def _lens_note(camera: Tensor, longer: int) -> str:
+    """A sentence on a focal length that nobody knows."""
+    focal, off = float(camera[0, 0]), math.exp(FOCAL_LOG_SD["estimated"])
+    return (
+        f"focal length estimated: {focal / longer:.2f} times the photo's longer side, to a factor of {off:.1f}; "
+        "distance depends on it"
     )

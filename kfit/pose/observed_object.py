@@ -32,8 +32,8 @@ class ObservedObject:
         image: (H, W, 3) RGB in [0, 1], the whole photo.
         mask: (H, W) that was used.
         crop: the square that the observation shows.
-        intrinsics: (3, 3) of the photo.
-        intrinsics_from: "given", "EXIF" or "assumed".
+        intrinsics: (3, 3) of the photo; where they are unknown, with the focal length that is likeliest of lenses.
+        intrinsics_from: "given", "EXIF" or "estimated", which is left to the fit.
         notes: sentences on what was assumed, and where the object is cut off or small.
         doubtful: whether one of them holds the answer's confidence at 50 %.
     """
@@ -46,6 +46,11 @@ class ObservedObject:
     intrinsics_from: str
     notes: tuple[str, ...]
     doubtful: bool = False
+
+    @property
+    def lens_known(self) -> bool:
+        """Whether a fit may take the focal length for given."""
+        return self.intrinsics_from != "estimated"
 
     @staticmethod
     def of(
@@ -87,16 +92,15 @@ class ObservedObject:
         notes += camera_notes if came_from == "EXIF" else ()
         crop = Crop.around(found, size)
         notes += [note for note in (cut_off(found), too_small(crop)) if note is not None]
-        if depth is None:
-            observation = crop.cut(pixels, found)
-        else:
+        of_object = None
+        if depth is not None:
             away = as_depth(depth, found.shape)
             of_object, noted, doubted = object_depth(away, found, camera.double(), CATEGORIES[category])
             notes += noted
             doubts += doubted
-            observation = observed(crop, pixels, found, of_object, camera.double())
-            if not bool(observation.field("depth").isfinite().any()):
-                raise ValueError(f"depth is known at too few pixels of the object: none is left in its {size} x {size}")
+        observation = observed(crop, pixels, found, of_object, camera.double())
+        if depth is not None and not bool(observation.field("depth").isfinite().any()):
+            raise ValueError(f"depth is known at too few pixels of the object: none is left in its {size} x {size}")
         doubts += [PLAIN] * _is_plain(observation) + [WHOLE] * bool((found > 0.5).all())
         return ObservedObject(observation, pixels, found, crop, camera, came_from, (*notes, *doubts), bool(doubts))
 

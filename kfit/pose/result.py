@@ -49,7 +49,8 @@ class PoseResult:
         ambiguous: whether other poses explain the picture about as well; a note says which.
         alternatives: distinct poses, the answer first, then by weight.
         intrinsics: (3, 3) that translation rests on.
-        intrinsics_from: "given", "EXIF" or "assumed".
+        intrinsics_from: "given", "EXIF", or "estimated" where the focal length was fitted too.
+        focal_log_sd: standard deviation of the logarithm of the focal length: 0 where it was given.
         notes: sentences on what was assumed and what may have gone wrong.
         image: (H, W, 3) RGB in [0, 1], the photo.
         mask: (H, W) that was used.
@@ -72,6 +73,7 @@ class PoseResult:
     alternatives: list[Alternative]
     intrinsics: NDArray[np.float64]
     intrinsics_from: str
+    focal_log_sd: float
     notes: list[str]
     image: NDArray[np.float32] = field(repr=False)
     mask: NDArray[np.float32] = field(repr=False)
@@ -109,6 +111,8 @@ class PoseResult:
             ],
             "intrinsics": self.intrinsics.tolist(),
             "intrinsics_from": self.intrinsics_from,
-            "intrinsics_assumed": self.intrinsics_from == "assumed",
+            "intrinsics_assumed": self.intrinsics_from == "estimated",
+            "focal_length_px": float(self.intrinsics[0, 0] + self.intrinsics[1, 1]) / 2,
+            "focal_log_sd": self.focal_log_sd,
             "notes": self.notes,
         }

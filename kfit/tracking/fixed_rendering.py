@@ -14,7 +14,7 @@ from kfit.generators.similarity_warp import warp
 class FixedStart(Initializer):
     """Starts at what it is told."""
 
-    def __init__(self, on: Sequence[str] = ("azimuth", "elevation", "roll", "shift", "scale")) -> None:
+    def __init__(self, on: Sequence[str]) -> None:
         self.on = tuple(on)
         self.values: Variables = {}
 

@@ -70,7 +70,7 @@ class Tracker:
             raise ValueError(f"track: the model of {model.card.category} has no pose head, which following rests on")
         self.model, self.seed, self.num_drawn = model, seed, 0
         self.reads, self.says = PosePosterior(model.pose_head), PosePrior(model.pose_head)
-        self.energies, self.starts = default_energies(), FixedStart()
+        self.energies = default_energies()
         # Features are too rough for so long differences: with EfficientNet's, Gauss-Newton hardly moves.
         self.place = FitPipeline(
             FixedRendering(),
@@ -86,16 +86,18 @@ class Tracker:
     def _start(self, first: PoseResult) -> None:
         values = first.fit.values
         self.code, self.size = values["code"], first.size
-        self.values = {name: values[name].clone() for name in ("azimuth", "elevation", "roll", "shift", "scale")}
+        names = ("azimuth", "elevation", "roll", "shift", "scale", "focal")
+        self.values = {name: values[name].clone() for name in names if name in values}
         self.motion = {name: torch.zeros_like(self.values[name]) for name in ("azimuth", "elevation", "roll")}
         self.crop, self.drift = first.crop, (0.0, 0.0, 1.0)
         self.camera = torch.from_numpy(first.intrinsics)
+        self.starts = FixedStart(tuple(self.values))
         self.bound = frozen(self.model.generator).bind(code=self.code[0])
         self.rank = FitPipeline(
             SimilarityWarp(self.bound),
             {**{name: energy for name, (energy, _) in self.energies.items()}, "pose": self.says},
             [self.starts],
-            GaussNewton({**dict.fromkeys(self.motion, 0.01), **LENGTHS}),
+            GaussNewton(dict.fromkeys(self.values, 0.01)),
             weights={
                 **{name: weight for name, (_, weight) in self.energies.items()},
                 "pose": self.model.card.pose_weight,
@@ -135,6 +137,8 @@ class Tracker:
             found = nearby
         before, values = self.last.crop, self.values
         self.crop = Crop.around(found, self.model.image_size)
+        if "focal" in values:
+            self.values = values | {"focal": values["focal"] * before.side / self.crop.side}
         self.drift = (
             self.crop.centre[0] - before.centre[0],
             self.crop.centre[1] - before.centre[1],
@@ -190,8 +194,11 @@ class Tracker:
         return drawn
 
     def _drawn(self) -> Rendering:
+        seen = {name: self.values[name] for name in ("azimuth", "elevation")}
+        if "focal" in self.values:
+            seen["focal"] = self.values["focal"] / self.values["scale"]
         with torch.no_grad():
-            drawn: Rendering = self.bound(azimuth=self.values["azimuth"], elevation=self.values["elevation"])
+            drawn: Rendering = self.bound(**seen)
         return drawn
 
     def _told(

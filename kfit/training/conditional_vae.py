@@ -20,6 +20,7 @@ from kfit.training.photometric_augmentation import PhotometricAugmentation
 from kfit.training.random_similarity import RandomSimilarity
 from kfit.training.short_fit import fitted_rotations
 from kfit.training.training import Training
+from kfit.training.view_lens import view_lens
 
 TAKEN = {"extents", "kl", "l1", "loss", "mask_iou", "ssim"}  # in the log, beside the losses
 FIT_EVERY = 5  # views in test: a fit takes a second of a core, and an object has some ten views
@@ -109,10 +110,10 @@ class ConditionalVAE(Training):
         if self.compiles:
             self.compile_networks(self.generator, self.encoder)
 
-    def forward(self, image: Tensor, azimuth: Tensor, elevation: Tensor) -> Rendering:
-        """Draw the objects of pictures (N, 3, S, S) from other sides, each (N,) in radians."""
+    def forward(self, image: Tensor, azimuth: Tensor, elevation: Tensor, **lens: Tensor) -> Rendering:
+        """Draw the objects of pictures (N, 3, S, S) from other sides, each (N,) in radians, by a ``focal`` if given."""
         mean, _ = self.encoder(image)
-        drawn: Rendering = self.generator(code=mean, azimuth=azimuth, elevation=elevation)
+        drawn: Rendering = self.generator(code=mean, azimuth=azimuth, elevation=elevation, **lens)
         return drawn
 
     def training_step(self, batch: dict[str, Tensor], batch_idx: int) -> Tensor:
@@ -123,7 +124,8 @@ class ConditionalVAE(Training):
         mean, log_variance = self.encoder(seen)
         code = mean + (0.5 * log_variance).exp() * torch.randn_like(mean)
         batch, thinned = self._thin(batch)
-        drawn = self.generator(code=code, azimuth=batch["azimuth"], elevation=batch["elevation"], **thinned)
+        pose = {"azimuth": batch["azimuth"], "elevation": batch["elevation"]} | view_lens(self.generator, batch)
+        drawn = self.generator(code=code, **pose, **thinned)
         divergence = 0.5 * (mean.square() + log_variance.exp() - 1 - log_variance).sum(1).mean()
         terms = self._compare(drawn, batch)
         if "extents" in batch:
@@ -140,7 +142,8 @@ class ConditionalVAE(Training):
         Logged are the losses, L1, SSIM and the IoU of masks, how far the extents are off, and in test what
         ``record_rotations`` logs of short fits to every fifth of the other views.
         """
-        drawn = self(batch["source"], batch["azimuth"], batch["elevation"])
+        lens = view_lens(self.generator, batch)
+        drawn = self(batch["source"], batch["azimuth"], batch["elevation"], **lens)
         terms = self._compare(drawn, batch)
         if "extents" in batch:
             terms["extents"] = F.l1_loss(self.extents(self.encoder(batch["source"])[0]), batch["extents"])
@@ -159,7 +162,11 @@ class ConditionalVAE(Training):
             image, mask, azimuth, elevation = (
                 batch[name][::FIT_EVERY] for name in ("target", "target_mask", "azimuth", "elevation")
             )
-            seen = Observation(image, None if drawn.mask is None else mask)
+            cameras = None
+            if lens:
+                focal = image.shape[-1] * lens["focal"][::FIT_EVERY]
+                cameras = torch.diag_embed(torch.stack([focal, focal, torch.ones_like(focal)], 1))
+            seen = Observation(image, None if drawn.mask is None else mask, intrinsics=cameras)
             truth = rotation_of({"azimuth": azimuth, "elevation": elevation})
             self.record_rotations(fitted_rotations(self.generator, self.encoder, seen), truth, self.symmetry)
 

@@ -6,11 +6,12 @@ import torch
 from torch import Tensor
 
 from kfit.callbacks import Pruning
-from kfit.core import Encoder, Energy, Generator, Observation, Prior, Schedule
+from kfit.core import Encoder, Energy, Generator, Initializer, Observation, Prior, Schedule
 from kfit.energies import SSIM, CodePrior, Silhouette
 from kfit.fitting.pipeline import FitPipeline
+from kfit.generators import fixed_camera
 from kfit.geometry.pose import rotation_of
-from kfit.initializers import EncoderPosterior, SphereGrid
+from kfit.initializers import EncoderPosterior, FromCamera, SphereGrid
 from kfit.optimizers import Adam
 
 # Raw units a step, as the released code fits (neural_object_fitting@7309348): half-turns for angles.
@@ -19,7 +20,8 @@ STARTS, STEPS = 4, 16
 
 
 def fitted_rotations(generator: Generator, encoder: Encoder, seen: Observation) -> Tensor:
-    """Rotations that explain views by the standard camera, whose roll, shift and scale are known.
+    """Rotations that explain views by the standard camera, whose roll, shift and scale are known, and distance if
+    the views have intrinsics.
 
     Of 64 poses all around the one half of the sphere that photos show, each with a code from the encoder's look at the
     view, the 4 that look likest are fitted in 16 steps of Adam whose rates fall to a twelfth. What is compared are SSIM
@@ -29,7 +31,7 @@ def fitted_rotations(generator: Generator, encoder: Encoder, seen: Observation) 
     Args:
         generator: of ``code``, ``azimuth`` and ``elevation``.
         encoder: picture → Gaussian over the code.
-        seen: N views, with masks if the generator draws any.
+        seen: N views, with masks if the generator draws any, and intrinsics only if it has a ``focal``.
 
     Returns:
         (N, 3, 3) in the generator's y-up frame, not a number where every start failed.
@@ -40,11 +42,18 @@ def fitted_rotations(generator: Generator, encoder: Encoder, seen: Observation) 
         weights: dict[str, float | Schedule] = {"ssim": 2.0, "prior": 0.02}
         if seen.mask is not None:
             energies["silhouette"], weights["silhouette"] = Silhouette(), 5.0
+        initializers: list[Initializer] = [SphereGrid(), EncoderPosterior(encoder)]
+        rates = dict(RATES)
+        if seen.intrinsics is None:
+            generator = fixed_camera(generator)
+        else:
+            initializers.append(FromCamera())
+            rates["focal"] = 0.0
         pipeline = FitPipeline(
             generator,
             energies,
-            [SphereGrid(), EncoderPosterior(encoder)],
-            Adam(RATES, (0.7, 0.95), 0.08 ** (1 / STEPS)),
+            initializers,
+            Adam(rates, (0.7, 0.95), 0.08 ** (1 / STEPS)),
             weights=weights,
             callbacks=[Pruning({3: STARTS // 2})],
             num_starts=STARTS,

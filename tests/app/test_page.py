@@ -94,7 +94,7 @@ def test_picture_box_fit_pose_and_downloads(visit, served, upload, drawn_mug, tm
     visit.get_by_role("button", name="Fit", exact=True).click()
     visit.locator(".kfit-answer").wait_for()
     assert visit.locator(".kfit-answer").inner_text().startswith("Mug ")
-    assert "Intrinsics assumed" in visit.locator(".kfit-notes").inner_text()
+    assert "Focal length estimated" in visit.locator(".kfit-notes").inner_text()
     assert visit.evaluate("window.steps.size") > 3
     for name, file in (("Numbers (JSON)", "pose.json"), ("Report (HTML)", "report.html")):
         with visit.expect_download() as download:

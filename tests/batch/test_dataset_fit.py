@@ -84,6 +84,7 @@ def test_each_frame_gets_a_result_that_can_be_evaluated(nocs, models, tmp_path, 
     assert "1 camera not, for there is no model" in said
 
 
+@pytest.mark.slow
 def test_a_run_goes_on_where_another_stopped_and_ends_with_the_same_results(nocs, models, tmp_path, caplog):
     caplog.set_level("INFO", "kfit")
     out = tmp_path / "out"
@@ -101,6 +102,7 @@ def test_a_run_goes_on_where_another_stopped_and_ends_with_the_same_results(nocs
     assert contents(out) == whole
 
 
+@pytest.mark.slow
 def test_the_number_of_threads_changes_nothing(nocs, models, tmp_path):
     before = torch.get_num_threads()
     try:
@@ -139,6 +141,7 @@ def test_other_settings_and_other_models_are_refused(nocs, models, tmp_path):
         fit(NOCSFit(nocs, "real_test"), out, models)
 
 
+@pytest.mark.slow
 def test_an_object_s_result_is_the_same_in_a_larger_batch_to_rounding(nocs, models, tmp_path):
     for size in (1, 4):
         fit(NOCSFit(nocs, "real_test", batch_size=size), tmp_path / f"out{size}", models)

@@ -31,7 +31,7 @@ def test_pose_writes_json_and_overlay_and_prints_one_line(
     said = capsys.readouterr()
     assert len(said.out.splitlines()) == 1
     assert said.out.startswith("mug ")
-    assert "assumed" in said.err
+    assert "estimated" in said.err
     assert json.loads((tmp_path / "out/pose.json").read_text())["category"] == "mug"
     assert imread(tmp_path / "out/overlay.png").shape[2] == 3
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["overlay.png", "pose.json"]

@@ -29,6 +29,7 @@ from kfit.energies import (
     GemanMcClure,
     Gradient,
     Huber,
+    LensPrior,
     LocalNCC,
     MutualInformation,
     Perceptual,
@@ -88,7 +89,8 @@ BUILD = {
     LPIPS: [lambda: copy.deepcopy(lpips())],
     Silhouette: [Silhouette],
     SoftIoU: [SoftIoU],
-    Depth: [Depth],
+    Depth: [Depth, lambda: Depth(GemanMcClure(0.5))],
+    LensPrior: [lambda: LensPrior(0.2, 1.1)],
     Dice: [Dice],
     PSNR: [PSNR],
     CodePrior: [CodePrior],
@@ -151,6 +153,13 @@ def asked(prior, dtype=torch.float32):
     if isinstance(prior.on, str):
         value = 3 * torch.rand(3, *shape, generator=rng, dtype=dtype) - 1
     else:
-        value = {name: angles / (i + 1) for i, name in enumerate(prior.on)}
+        value = {name: allowed(prior, angles / (i + 1)) for i, name in enumerate(prior.on)}
     rng = torch.Generator().manual_seed(0)
-    return value, prior.prepare(Observation(torch.rand(3, 3, 8, 8, generator=rng, dtype=dtype)))
+    cameras = torch.diag(torch.tensor([9.0, 9.0, 1.0], dtype=dtype)).repeat(3, 1, 1)
+    pictures = torch.rand(3, 3, 8, 8, generator=rng, dtype=dtype)
+    return value, prior.prepare(Observation(pictures, intrinsics=cameras))
+
+
+def allowed(prior, value):
+    """Values of a prior's variables: where these are lengths, above 0."""
+    return value.abs() + 1e-3 if isinstance(prior, LensPrior) else value

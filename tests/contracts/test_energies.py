@@ -2,7 +2,7 @@
 
 import pytest
 import torch
-from energy_parts import BUILD, NOT_ZERO, SIZE, asked, built, hard_pictures, pictures, weights
+from energy_parts import BUILD, NOT_ZERO, SIZE, allowed, asked, built, hard_pictures, pictures, weights
 from torch.utils import _pytree as pytree
 from walk import shipped
 
@@ -197,7 +197,7 @@ class TestAPrior:
         prior = build()
         value, prepared = asked(prior)
         leaves, tree = pytree.tree_flatten(value)
-        leaves = [torch.full_like(leaf, far).requires_grad_() for leaf in leaves]
+        leaves = [allowed(prior, torch.full_like(leaf, far)).requires_grad_() for leaf in leaves]
         found = told(prior, pytree.tree_unflatten(leaves, tree), prepared)
         assert found.isfinite().all()
         slopes = torch.autograd.grad(found.sum(), leaves, materialize_grads=True)  # an upright head reads no roll

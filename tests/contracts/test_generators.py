@@ -53,10 +53,10 @@ PLANE = {"roll": (), "shift": (2,), "scale": ()}
 BUILD = {
     VAE3D: (tiny_vae3d, POSE),
     VAE2D: (tiny_vae2d, POSE),
-    RadianceField: (tiny_field, POSE),
+    RadianceField: (tiny_field, POSE | {"focal": ()}),
     SimilarityWarp: (lambda: SimilarityWarp(tiny_vae3d()), POSE | PLANE),
     MetricDepth: (
-        lambda: MetricDepth(SimilarityWarp(tiny_field())),
+        lambda: MetricDepth(SimilarityWarp(tiny_field()), 1.1),
         POSE | PLANE | {"distance": (), "focal": ()},
     ),
     MeshRenderer: (tiny_mesh, {"azimuth": (), "elevation": ()} | PLANE),
@@ -67,7 +67,7 @@ BUILD = {
 }
 # Draws without gradients, in single precision: tests/generators/test_onnx_generator.py
 WITHOUT_GRADIENTS = {OnnxGenerator}
-IN_DEPTH_ALONE = {"distance", "focal"}  # variables that neither colour nor mask show
+IN_DEPTH_ALONE = {"distance"}  # variables that neither colour nor mask show
 SMALL = {"roll": 0.2, "shift": 0.1, "scale": 0.1, "corners": 0.1}
 
 

@@ -15,16 +15,19 @@ from kfit.core import (
     Bounded,
     Encoder,
     FitResult,
+    Generator,
     History,
     Initializer,
     Observation,
     Positive,
+    Rendering,
     Variable,
 )
 from kfit.geometry import rotation_error, rotation_from_angles
 from kfit.initializers import (
     Constant,
     EncoderPosterior,
+    FromCamera,
     FromDepth,
     FromMask,
     PosePosterior,
@@ -89,10 +92,25 @@ def answer(values):
     )
 
 
+class Ball(Generator):
+    """Half a ball at a distance, moved in the picture."""
+
+    def __init__(self):
+        super().__init__()
+        self.variables = {name: VARIABLES[name] for name in ("scale", "shift", "distance")}
+
+    def forward(self, scale, shift, distance):
+        place = torch.linspace(-1, 1, 8) - shift.sum(1, keepdim=True)
+        away = (place[:, None, :].square() + place[:, :, None].square()) / scale[:, None, None]
+        depth = distance[:, None, None] * (1 - 0.1 * (1 - away).clamp_min(0).sqrt())
+        return Rendering(away[:, None].expand(-1, 3, -1, -1), (away < 1)[:, None].float(), depth[:, None])
+
+
 BUILD = {
     Constant: [lambda: Constant({"scale": 1.5, "shift": [0.1, -0.2]}), lambda: Constant({"shift": 0.25})],
     EncoderPosterior: [lambda: EncoderPosterior(TinyEncoder()), lambda: EncoderPosterior(TinyEncoder(), spread=0.0)],
-    FromDepth: [lambda: FromDepth(1.1)],
+    FromCamera: [FromCamera],
+    FromDepth: [lambda: FromDepth(Ball(), [Constant({"scale": 1.5}), Uniform("shift", -0.5, 0.5)])],
     FromMask: [FromMask],
     PosePosterior: [
         lambda: PosePosterior(TinyPoseNetwork("none")),

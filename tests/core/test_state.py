@@ -35,7 +35,14 @@ def test_a_whole_observation_is_taken():
 @pytest.mark.parametrize("name", GOOD)
 def test_an_observation_of_a_wrong_shape_is_refused_by_the_name_of_the_field(name):
     with pytest.raises(ValueError, match=rf"^{name} must have shape"):
-        Observation(**{**GOOD, name: GOOD[name][None]})
+        Observation(**{**GOOD, name: GOOD[name][0]})
+
+
+def test_a_volume_has_fields_of_its_size():
+    volume = torch.rand(2, 1, 3, 4, 5)
+    assert Observation(volume, weight=torch.ones(2, 1, 3, 4, 5)).num_problems == 2
+    with pytest.raises(ValueError, match=r"^weight must have shape \(2, 1, 3, 4, 5\), got \(2, 1, 4, 5\)"):
+        Observation(volume, weight=torch.ones(2, 1, 4, 5))
 
 
 @pytest.mark.parametrize("name", [name for name in GOOD if name != "image"])

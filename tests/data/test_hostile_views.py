@@ -50,8 +50,9 @@ WRONG: list[tuple[str, Callable[[h5py.File, str], None], str]] = [
     ("poses", filled(1e200), "finite degrees"),
     ("poses", filled(np.inf), "finite degrees"),
     ("depth", filled(np.nan), "depth must be finite"),
-    ("extents", filled(np.nan), "extents must be finite and positive"),
-    ("extents", filled(-1.0), "extents must be finite and positive"),
+    ("extents", filled(np.nan), "extents must be finite and at least 0"),
+    ("extents", filled(-1.0), "extents must be finite and at least 0"),
+    ("extents", filled(0.0), "extents must be finite and at least 0"),
 ]
 
 

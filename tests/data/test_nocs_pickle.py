@@ -95,7 +95,7 @@ def test_a_pickle_that_would_run_something_runs_nothing(tmp_path):
         (getattr, r"builtins\.getattr"),
         (eval, r"builtins\.eval"),
         (complex(1, 2), r"builtins\.complex"),
-        (int, "a type"),
+        (int, "a function"),
     ],
 )
 def test_other_kinds_are_refused_by_name(tmp_path, value, asked):

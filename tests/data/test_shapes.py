@@ -92,13 +92,15 @@ def test_a_laptops_screen_faces_plus_x_and_its_base_is_low(held_out, monkeypatch
         assert screen.sum() > 20
 
 
-def test_laptops_stand_at_every_angle_of_the_hinge():
-    heights = [build("laptop", seed)[0].extents[1] for seed in range(30)]
-    assert min(heights) < 0.25
-    assert max(heights) > 0.5
+def test_laptops_stand_at_every_angle_of_the_hinge(monkeypatch):
     opening = [laptop._opening_deg(np.random.default_rng(seed)) for seed in range(200)]
     assert min(opening) < 20
     assert max(opening) > 165
+    heights = []
+    for degrees in (6, 100, 180):
+        monkeypatch.setattr(laptop, "_opening_deg", lambda rng, degrees=degrees: degrees)
+        heights.append(laptop.build(np.random.default_rng(3), False).extents[1])
+    assert max(heights[0], heights[2]) < 0.25 < 0.5 < heights[1]
 
 
 @BOTH

@@ -168,11 +168,8 @@ def go_through(page: Path, place: Path, slow: bool, monkeypatch: pytest.MonkeyPa
                     assert done.returncode == 0, f"{where}: {done.stderr}"
 
 
-@pytest.mark.parametrize(
-    "page",
-    [pytest.param(page, marks=() if page == PAGES[0] else pytest.mark.slow) for page in WITH_BLOCKS],
-    ids=name_of,
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("page", WITH_BLOCKS, ids=name_of)
 def test_what_a_page_tells_to_type_works(page: Path, place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     go_through(page, place, False, monkeypatch)
 

@@ -1,7 +1,7 @@
 import pytest
 import torch
 
-from kfit.energies import L1, Depth
+from kfit.energies import L1, Depth, GemanMcClure
 
 NAN, INF = float("nan"), float("inf")
 
@@ -25,6 +25,13 @@ def test_unknown_pixels_pass_no_gradient_and_rows_without_any_known_are_zero():
 def test_a_boolean_weight_marks_what_is_known():
     x, y = torch.tensor([[[[1.0, 2.0]]]]), torch.tensor([[[[0.0, 2.5]]]])
     torch.testing.assert_close(Depth()(x, y, y > 0), torch.tensor([0.5]))
+
+
+def test_with_a_robust_energy_what_is_far_behind_costs_no_more_the_farther():
+    x, y = torch.zeros(1, 1, 1, 4), torch.tensor([[[[0.0, 0.0, NAN, 0.5]]], [[[0.0, 0.0, NAN, 5.0]]]])
+    near, far = Depth(GemanMcClure(0.01))(x.expand(2, 1, 1, 4), y).tolist()
+    assert near == pytest.approx(far, rel=0.01)
+    assert far == pytest.approx(2 / 3, rel=0.01)
 
 
 def test_a_picture_is_refused():

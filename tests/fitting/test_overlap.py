@@ -184,3 +184,23 @@ def test_a_similarity_warp_counts_what_is_outside_and_keeps_hidden_colours_out()
 def test_a_least_overlap_must_be_a_share(share):
     with pytest.raises((TypeError, ValueError), match="min_overlap must"):
         FitPipeline(Template(picture(), "similarity"), {"l2": L2()}, [], Adam(0.1), min_overlap=share)
+
+
+def test_a_fit_of_a_volume_compares_what_is_drawn_of_it():
+    class Ball(Generator):
+        variables = {"radius": Variable()}  # noqa: RUF012
+
+        def forward(self, **values):
+            axis = torch.linspace(-1, 1, 9)
+            away = torch.stack(torch.meshgrid(axis, axis, axis, indexing="ij")).norm(dim=0)
+            image = torch.sigmoid((values["radius"].view(-1, 1, 1, 1, 1) - away) / 0.1)
+            half = torch.ones_like(image)
+            half[:, :, 5:] = 0
+            return Rendering(torch.where(half > 0, image, torch.nan), weight=half)
+
+    target = Ball()(radius=torch.tensor([0.6, 0.4])).image.nan_to_num(0.3)
+    start = [Uniform("radius", 0.2, 0.8)]
+    for energy in (L2(), NCC()):
+        fit = FitPipeline(Ball(), {"look": energy}, start, LevenbergMarquardt(), num_starts=2, num_steps=10)
+        found = fit(Observation(target), seed=0).values["radius"]
+        torch.testing.assert_close(found, torch.tensor([0.6, 0.4]), rtol=0, atol=1e-3)

@@ -80,8 +80,9 @@ def test_the_nearest_surface_gives_colour_and_depth_and_the_ground_is_white():
 
 
 def test_an_edge_lies_where_the_mask_is_a_half():
-    drawn = MeshRenderer(*squares(([0.5, 0.5, 0.5], 0.0)), num_points=40_000, unit_fraction=1.0)
-    # Sides of 0.5 diagonals, that is 32 pixels, from 15.5 to 47.5: an edge through the centres of no pixel.
+    drawn = MeshRenderer(*squares(([0.5, 0.5, 0.5], 0.0)), num_points=40_000, unit_fraction=4 / 15.75**0.5)
+    # From 4 diagonals one diagonal at the centre spans the picture. Sides of 0.5 diagonals are 32 pixels, from 15.5 to
+    # 47.5: an edge through the centres of no pixel.
     row = drawn(**values(shift=(1 / 64, 0.0))).mask[0, 0, 32]
     assert float(row[16]) == pytest.approx(0.5, abs=0.05)
     assert float(row[48]) == pytest.approx(0.5, abs=0.05)

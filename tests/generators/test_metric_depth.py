@@ -20,22 +20,23 @@ class Slope(Generator):
 
 
 def test_depth_is_the_distance_and_the_diagonal_times_the_relative_depth():
-    # Seen with f = 300 pixels at 2 m, where a unit diagonal spans 100 pixels at scale 1: at scale 1.5 it is 1 m long.
+    # A sphere of diameter 1, seen from 1.3, has a silhouette f / √(1.3² − 1/4) = f / 1.2 wide: with f = 3.6 pictures
+    # that is 3, the 1.5 · 2 of scale and fraction. So it is from 1.3 diagonals, with twice of both too.
     values = {
         "scale": torch.tensor([1.5, 3.0]),
-        "distance": torch.tensor([2.0, 2.0]),
-        "focal": torch.tensor([3.0, 3.0]),
+        "distance": torch.tensor([2.6, 1.3]),
+        "focal": torch.tensor([3.6, 7.2]),
     }
-    found = MetricDepth(Slope())(**values)
-    torch.testing.assert_close(found.depth[0, 0, 0], 2 + torch.arange(5.0) / 4 - 0.5)
-    torch.testing.assert_close(found.depth[1, 0, 0], 2 + 2 * (torch.arange(5.0) / 4 - 0.5))
+    found = MetricDepth(Slope(), 2.0)(**values)
+    torch.testing.assert_close(found.depth[0, 0, 0], 2.6 + 2 * (torch.arange(5.0) / 4 - 0.5))
+    torch.testing.assert_close(found.depth[1, 0, 0], 1.3 + torch.arange(5.0) / 4 - 0.5)
 
 
 def test_what_has_no_scale_or_draws_no_depth_or_has_a_distance_is_an_error():
     with pytest.raises(ValueError, match="must have a scale"):
-        MetricDepth(Slope().bind(scale=torch.tensor(1.0)))
-    with pytest.raises(ValueError, match="distance, focal already"):
-        MetricDepth(MetricDepth(Slope()))
+        MetricDepth(Slope().bind(scale=torch.tensor(1.0)), 1.0)
+    with pytest.raises(ValueError, match="distance already"):
+        MetricDepth(MetricDepth(Slope(), 1.0), 1.0)
     one = torch.ones(1)
     with pytest.raises(ValueError, match="draws no depth"):
-        MetricDepth(Slope(depth=False))(scale=one, distance=one, focal=one)
+        MetricDepth(Slope(depth=False), 1.0)(scale=one, distance=one, focal=one)

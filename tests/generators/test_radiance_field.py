@@ -8,7 +8,7 @@ import pytest
 import torch
 from torch.utils.flop_counter import FlopCounterMode
 
-from kfit.data.rasterizer import DISTANCE, Light, pose_view
+from kfit.data.rasterizer import Light, render, standard_pose
 from kfit.data.shapes.primitives import revolve
 from kfit.data.shapes.textures import solid
 from kfit.generators import VAE3D, RadianceField, ray_march
@@ -27,36 +27,42 @@ def ball_volume(at, radius, sides, count=64):
     return torch.cat([torch.zeros(3, *density.shape), density[None] - EMPTY])[None]
 
 
-def drawn(field, volume, azimuth_deg=0.0, elevation_deg=0.0):
-    angles = (torch.tensor([math.radians(angle)]) for angle in (azimuth_deg, elevation_deg))
+def drawn(field, volume, azimuth_deg=0.0, elevation_deg=0.0, focal=None):
+    angles = {"azimuth": azimuth_deg, "elevation": elevation_deg}
+    values = {name: torch.tensor([math.radians(angle)]) for name, angle in angles.items()}
+    if focal is not None:
+        values["focal"] = torch.tensor([focal])
     with torch.no_grad():
-        return field._picture(volume, *angles, field.rays)
+        return field._picture(volume, values, field.rays)
 
 
 @pytest.mark.parametrize(
-    ("azimuth", "elevation", "unit_fraction", "sides"),
+    ("azimuth", "elevation", "unit_fraction", "sides", "distance"),
     [
-        (0, 0, 1.0, (1.0, 1.0, 1.0)),
-        (40, 0, 1.0, (0.6, 0.5, 0.8)),
-        (-60, 50, 1.2, (0.7, 0.9, 0.8)),
-        (130, -15, 0.9, (0.8, 0.5, 1.0)),
+        (0, 0, 1.0, (1.0, 1.0, 1.0), 4.0),
+        (40, 0, 1.0, (0.6, 0.5, 0.8), 8.0),
+        (-60, 50, 1.2, (0.7, 0.9, 0.8), 2.0),
+        (130, -15, 0.9, (0.8, 0.5, 1.0), 1.3),
     ],
 )
 def test_a_ball_is_drawn_where_and_as_large_and_as_far_as_the_rasterizer_draws_it(
-    azimuth, elevation, unit_fraction, sides
+    azimuth, elevation, unit_fraction, sides, distance
 ):
     at, radius = np.array([0.15, 0.1, 0.25]), 0.12
     ring = np.linspace(-np.pi / 2, np.pi / 2, 48)
     ball = revolve(radius * np.stack([np.cos(ring), np.sin(ring)], 1), solid(np.full(3, 0.5)), 48)
     ball = replace(ball, vertices=ball.vertices + at.astype(np.float32))
-    expected = pose_view(ball, math.radians(elevation), math.radians(azimuth), WHITE, unit_fraction=unit_fraction)
+    place = standard_pose(math.radians(elevation), math.radians(azimuth), distance)
+    focal = unit_fraction * math.sqrt(distance**2 - 1 / 4)  # a ball of unit diameter spans the fraction of the picture
+    camera = np.array([[64 * focal, 0, 31.5], [0, 64 * focal, 31.5], [0, 0, 1]])
+    expected = render(ball, place, camera, (64, 64), WHITE)
     field = RadianceField(num_samples=256, unit_fraction=unit_fraction, sides=sides)
-    found = drawn(field, ball_volume(at, radius, sides), azimuth, elevation)
+    found = drawn(field, ball_volume(at, radius, sides), azimuth, elevation, focal)
     mask = found.mask[0, 0].numpy()
     assert np.abs(mask - expected.mask).mean() < 0.004  # of a ball that covers some 5 % of the picture
     inside = np.minimum(mask, expected.mask) > 0.99
     assert inside.sum() > 50
-    apart = found.depth[0, 0].numpy()[inside] - (expected.depth[inside] - DISTANCE)
+    apart = found.depth[0, 0].numpy()[inside] - (expected.depth[inside] - distance)
     assert 0 < apart.mean() < 0.025  # light enters a soft surface a little
     assert apart.std() < 0.005
 
@@ -106,7 +112,7 @@ def test_a_refinement_begins_as_next_to_nothing_and_corrects_colour_and_mask_alo
     field = RadianceField(3, (4, 3), 4, 16)
     values = {"code": torch.randn(2, 3), "azimuth": torch.tensor([0.3, 2.0]), "elevation": torch.tensor([0.2, 0.5])}
     rays = field.rays
-    plain = field._picture(field._volume(values["code"]), values["azimuth"], values["elevation"], rays)
+    plain = field._picture(field._volume(values["code"]), values, rays)
     begun = field(**values)
     torch.testing.assert_close(begun.image, plain.image, rtol=0, atol=5e-3)
     torch.nn.init.constant_(field.refinement.say.bias, 1.0)
@@ -173,7 +179,9 @@ def test_single_pixels_are_those_of_the_whole_picture():
 def test_evaluation_skips_empty_space_and_draws_and_slopes_the_same(monkeypatch):
     field = load("mug").generator
     rng = torch.Generator().manual_seed(0)
-    values = {name: 0.7 * torch.randn(3, *v.shape, generator=rng) for name, v in field.variables.items()}
+    variables = {name: v for name, v in field.variables.items() if name != "focal"}
+    raw = {name: 0.7 * torch.randn(3, *v.shape, generator=rng) for name, v in variables.items()}
+    values = raw | {"focal": torch.tensor([1.5, 3.0, 6.0])}
     looked = []
     sampled = ray_march._sampled
     monkeypatch.setattr(ray_march, "_sampled", lambda *given: looked.append(len(given[1])) or sampled(*given))
@@ -182,7 +190,9 @@ def test_evaluation_skips_empty_space_and_draws_and_slopes_the_same(monkeypatch)
         field.train(training)
         leaves = {name: value.clone().requires_grad_() for name, value in values.items()}
         seen = field(**leaves)
-        energy = (seen.image - 0.3).square().sum() + seen.mask.sum() + seen.depth.square().sum()
+        # Depth where next to nothing is drawn is that of the few samples that count.
+        depth = seen.depth * (seen.mask > 0.01)
+        energy = (seen.image - 0.3).square().sum() + seen.mask.sum() + depth.square().sum()
         slopes.append(torch.autograd.grad(energy, list(leaves.values())))
         pictures.append(seen)
     assert looked == [pytest.approx(0.15 * 3 * 24 * 64**2, rel=0.5)]
@@ -195,7 +205,7 @@ def test_evaluation_skips_empty_space_and_draws_and_slopes_the_same(monkeypatch)
 def test_an_empty_box_is_drawn_white():
     field = RadianceField().eval()
     nothing = torch.zeros(2, 4, 32, 32, 32, requires_grad=True)
-    seen = field._picture(nothing, torch.zeros(2), torch.zeros(2), field.rays)
+    seen = field._picture(nothing, {"azimuth": torch.zeros(2), "elevation": torch.zeros(2)}, field.rays)
     assert bool((seen.image == 1).all())
     assert bool((seen.mask == 0).all())
     assert bool((seen.depth == 0).all())

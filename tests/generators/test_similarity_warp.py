@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 import torch
 
-from kfit.core import Angle, Generator, Rendering, Variable
-from kfit.generators import SimilarityWarp
+from kfit.core import Angle, Generator, Positive, Rendering, Variable
+from kfit.generators import SimilarityWarp, fixed_camera
 from kfit.generators.similarity_warp import warp
 from kfit.geometry import Crop, pose_from_crop
 
@@ -196,6 +196,35 @@ def test_without_gradients_what_differs_in_the_plane_alone_is_drawn_once():
     assert warped.generator.rows == [3, 4]
     torch.testing.assert_close(found.image, asked.image)
     torch.testing.assert_close(found.mask, asked.mask)
+
+
+class Zoomed(Generator):
+    """Grey by the focal length."""
+
+    def __init__(self):
+        super().__init__()
+        self.variables = {"focal": Variable((), Positive())}
+        self.focal = torch.tensor(4.0)
+
+    def forward(self, focal):
+        return Rendering((focal / 10)[:, None, None, None].expand(-1, 3, 8, 8))
+
+
+def test_what_is_enlarged_is_drawn_by_a_lens_as_much_shorter():
+    plane = {"roll": torch.zeros(2), "shift": torch.zeros(2, 2), "scale": torch.tensor([1.0, 2.0])}
+    drawn = SimilarityWarp(Zoomed())(focal=torch.tensor([6.0, 6.0]), **plane)
+    torch.testing.assert_close(drawn.image[:, 0, 3, 3], torch.tensor([0.6, 0.3]))
+    held = SimilarityWarp(Zoomed()).bind(focal=torch.tensor(6.0))(**plane)
+    torch.testing.assert_close(held.image, drawn.image)
+
+
+def test_a_fixed_camera_draws_all_scales_alike_and_leaves_what_has_none():
+    plane = {"roll": torch.zeros(2), "shift": torch.zeros(2, 2), "scale": torch.tensor([1.0, 2.0])}
+    fixed = SimilarityWarp(fixed_camera(Zoomed()))
+    assert set(fixed.variables) == set(plane)
+    torch.testing.assert_close(fixed(**plane).image[:, 0, 3, 3], torch.tensor([0.4, 0.4]))
+    counted = Counted()
+    assert fixed_camera(counted) is counted
 
 
 def test_a_generator_all_of_whose_variables_are_held_is_warped():

@@ -10,6 +10,8 @@ from kfit.geometry import (
     box_corners,
     depth_along,
     diagonal_at,
+    distance_by_focal,
+    focal_by_distance,
     from_opencv,
     intrinsics_from_exif,
     intrinsics_from_fov,
@@ -21,6 +23,7 @@ from kfit.geometry import (
     viewing_ray,
     viewing_ray_rotation,
     was_cropped,
+    with_focal,
 )
 
 WIDTH, HEIGHT = 1200, 900
@@ -35,8 +38,8 @@ def ideal_fit(rotation: torch.Tensor, translation: torch.Tensor, crop: Crop) -> 
     turn = viewing_ray_rotation(centre, INTRINSICS)
     distance = translation.norm()
     straight = torch.stack((torch.zeros_like(distance), torch.zeros_like(distance), distance))
-    # In the generator's picture a unit diagonal at the centre's depth is UNIT_FRACTION of the width.
-    focal = UNIT_FRACTION * crop.side * distance / DIAGONAL
+    # In the generator's picture the silhouette of a ball of unit diameter is UNIT_FRACTION of the width.
+    focal = UNIT_FRACTION * crop.side * ((distance / DIAGONAL) ** 2 - 1 / 4).sqrt()
     camera = torch.diag(torch.stack((focal, focal, torch.ones_like(focal))))
     drawn = project(box_corners(turn.mT @ rotation, straight, SIZE), camera)
     seen = project(box_corners(rotation, translation, SIZE), INTRINSICS) - centre
@@ -110,12 +113,27 @@ def test_rows_are_independent_and_diagonals_may_differ() -> None:
     torch.testing.assert_close(translation[1:2], alone[1])
 
 
-def test_twice_the_scale_is_half_the_distance() -> None:
+def test_twice_the_scale_is_half_the_distance_but_for_the_perspective() -> None:
     zero, one = torch.zeros(2), torch.tensor([1.0, 2.0])
     crop = Crop(((WIDTH - 1) / 2, (HEIGHT - 1) / 2), 190.0)
     _, moved = pose_from_crop(zero, zero, zero, torch.zeros(2, 2), one, crop, INTRINSICS.float(), 0.3)
     focal = float(INTRINSICS[0, 0])
-    torch.testing.assert_close(moved[:, 2], torch.tensor([1.0, 0.5]) * focal * 0.3 / (0.95 * 190))
+    far = torch.tensor([1.0, 0.5]) * focal / (0.95 * 190)
+    torch.testing.assert_close(moved[:, 2], 0.3 * (far**2 + 1 / 4).sqrt())
+
+
+def test_a_ball_seen_from_any_distance_spans_the_same_share_of_the_picture() -> None:
+    distance = torch.tensor([0.6, 1.3, 4.0, 50.0], dtype=torch.float64)
+    focal = focal_by_distance(distance, 1.1)
+    # The ray that touches a ball of radius 1/2 has the sine 1 / 2d.
+    torch.testing.assert_close(2 * focal * torch.asin(0.5 / distance).tan(), torch.full_like(focal, 1.1))
+    torch.testing.assert_close(distance_by_focal(focal, 1.1), distance)
+
+
+def test_a_camera_with_another_focal_length_keeps_its_centre_and_its_pixels_shape() -> None:
+    camera = torch.tensor([[400.0, 2, 31], [0, 600, 20], [0, 0, 1]])
+    found = with_focal(camera, torch.tensor([250.0]))
+    torch.testing.assert_close(found, torch.tensor([[[200.0, 1, 31], [0, 300, 20], [0, 0, 1]]]))
 
 
 def test_the_rays_rotation_takes_the_axis_to_the_ray_by_the_shortest_way() -> None:

@@ -41,8 +41,8 @@ def test_loading_and_posing_give_the_same_answer_inside(around, expected: PoseRe
         model = kfit.load("mug")
         inside = pose(model)
     for found in (inside, pose(model)):
-        np.testing.assert_allclose(found.rotation, expected.rotation, atol=1e-4)
-        assert found.energy == pytest.approx(expected.energy, rel=1e-4)
+        np.testing.assert_allclose(found.rotation, expected.rotation, atol=2e-3)
+        assert found.energy == pytest.approx(expected.energy, rel=2e-3)
     assert {parameter.dtype for parameter in model.generator.parameters()} == {torch.float32}
     assert inside.fit.values["code"].dtype == torch.float32
 

@@ -17,8 +17,8 @@ from kfit import FitPipeline
 from kfit.callbacks import Pruning, Stopping
 from kfit.core import FitError, FitResult, Initializer, Observation, Optimizer, Prior
 from kfit.energies import L2, Depth, Silhouette
-from kfit.generators import MetricDepth, RadianceField, SimilarityWarp, Template
-from kfit.initializers import Constant, FromDepth, Uniform
+from kfit.generators import MetricDepth, RadianceField, SimilarityWarp, Template, fixed_camera
+from kfit.initializers import Constant, FromCamera, FromDepth, Uniform
 from kfit.optimizers import CMAES, Adam, LevenbergMarquardt, Stages
 from kfit.pose.observed_object import ObservedObject
 
@@ -155,7 +155,13 @@ class TestWhatIsNoNumber:
         for azimuths in ([0.4, math.nan, -0.1, 0.3], [0.4, -0.1, 0.3]):
             starts = [Written(azimuth=float64(*azimuths)), Constant({"code": 0.0, "elevation": 0.2})]
             fit = FitPipeline(
-                field, {"l2": L2()}, starts, Adam(0.02), num_starts=2, num_steps=3, num_candidates=len(azimuths)
+                fixed_camera(field),
+                {"l2": L2()},
+                starts,
+                Adam(0.02),
+                num_starts=2,
+                num_steps=3,
+                num_candidates=len(azimuths),
             )
             found.append(fit(Observation(torch.ones(1, 3, 16, 16).double()), seed=0))
         assert not found[0].dropped
@@ -202,10 +208,11 @@ def in_depth() -> FitPipeline:
     field = RadianceField(code_dim=2, volume_dims=(4, 3), num_samples=4, image_size=16).double()
     starts = [
         Uniform("code", -0.5, 0.5), Uniform("azimuth", -3.0, 3.0), Uniform("elevation", 0.0, 1.0),
-        Constant({"roll": 0.0, "shift": 0.0, "scale": 1.0}), FromDepth(1.0),
+        Constant({"roll": 0.0, "shift": 0.0, "scale": 1.0}), FromCamera(),
     ]  # fmt: skip
+    drawn = MetricDepth(SimilarityWarp(field), 1.0)
     energies = {"image": L2(), "mask": Silhouette(), "depth": Depth()}
-    return FitPipeline(MetricDepth(SimilarityWarp(field)), energies, starts, Adam(0.02), num_starts=3, num_steps=4)
+    return FitPipeline(drawn, energies, [FromDepth(drawn, starts)], Adam(0.02), num_starts=3, num_steps=4)
 
 
 def with_depth() -> Observation:

@@ -368,15 +368,30 @@ def test_a_step_on_thinned_pixels_has_on_average_the_loss_of_the_whole_step(monk
         monkeypatch.setattr(one, "log_dict", lambda *args, **kwargs: None)
     drawn = []
     picture = field._picture
-    monkeypatch.setattr(field, "_picture", lambda *args: drawn.append(tuple(args[3].shape)) or picture(*args))
+    monkeypatch.setattr(field, "_picture", lambda *args: drawn.append(tuple(args[2].shape)) or picture(*args))
     monkeypatch.setattr(torch, "randn_like", torch.zeros_like)
     losses = []
     for at in ([[0], [0]], [[0], [1]], [[1], [0]], [[1], [1]]):
         monkeypatch.setattr(torch, "randint", lambda *args, at=at: torch.tensor(at))
         losses.append(model.training_step(batch(), 0))
     whole = plain.training_step(batch(), 0)
-    assert drawn == [(2, 8, 8, 3)] * 4 + [(2, 16, 16, 3)]
+    assert drawn == [(8, 8, 3)] * 4 + [(16, 16, 3)]
     torch.testing.assert_close(sum(losses) / 4, whole)
+
+
+def test_views_are_drawn_from_the_distances_at_which_they_were_taken(monkeypatch):
+    field = RadianceField(4, (4, 3), 4, image_size=SIDE, refined=False, unit_fraction=1.1)
+    model, seen, picture = build(generator=field), [], field._picture
+    monkeypatch.setattr(model, "log", lambda *args, **kwargs: None)
+    monkeypatch.setattr(model, "log_dict", lambda *args, **kwargs: None)
+    monkeypatch.setattr(field, "_picture", lambda *args: seen.append(args[1].get("focal")) or picture(*args))
+    distance = torch.linspace(1.3, 8.0, len(batch()["azimuth"]))
+    model.training_step(batch() | {"distance": distance}, 0)
+    model.report(batch() | {"distance": distance}, "val")
+    model.training_step(batch(), 0)
+    for focal in seen[:2]:
+        torch.testing.assert_close(focal, 1.1 * (distance.square() - 1 / 4).sqrt())
+    assert seen[2] is None
 
 
 def test_a_generator_of_whole_pictures_cannot_be_thinned():

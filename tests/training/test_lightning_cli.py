@@ -3,6 +3,7 @@
 import csv
 import functools
 import logging
+import math
 from pathlib import Path
 
 import pytest
@@ -42,9 +43,7 @@ def model_of(*words):
 def test_the_data_s_category_decides_the_camera_also_in_the_checkpoint(category):
     model = model_of("-c", RECIPES / "radiance_field.yaml", "--data.category", category)
     known = CATEGORIES[category]
-    # The ray through the picture's corner passes the centre at half of the picture's width.
-    corner, half = model.generator.rays[0, 0, 0], 63 / 64 / 2 / known.unit_fraction
-    torch.testing.assert_close(corner, torch.tensor([-half, half, 0.0]), rtol=0, atol=1e-5)
+    assert float(model.generator.focal) == pytest.approx(known.unit_fraction * math.sqrt(4**2 - 1 / 4))
     torch.testing.assert_close(2 * model.generator.half_sides, torch.tensor(known.sides))
     assert model.hparams["generator"]["init_args"]["sides"] == list(known.sides)
     assert model.hparams["generator"]["init_args"]["unit_fraction"] == known.unit_fraction
@@ -61,7 +60,7 @@ def test_the_data_s_category_decides_a_pose_head_s_symmetry_also_in_the_checkpoi
 def test_meshes_of_one_s_own_may_fill_the_whole_picture():
     model = model_of("-c", RECIPES / "radiance_field.yaml", "--data.category", "mug", "--data.meshes", "shoes")
     torch.testing.assert_close(model.generator.half_sides, torch.full((3,), 0.5))
-    assert model.generator.rays[0, 0, 0, 0] == pytest.approx(-63 / 64 / 2 / CATEGORIES["mug"].unit_fraction)
+    assert float(model.generator.focal) == pytest.approx(CATEGORIES["mug"].unit_fraction * math.sqrt(4**2 - 1 / 4))
 
 
 def test_a_generator_without_a_camera_is_left_as_it_is():

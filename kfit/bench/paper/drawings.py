@@ -12,6 +12,7 @@ from torch.utils.flop_counter import FlopCounterMode
 from kfit.core import Generator, frozen
 from kfit.data import ViewsDataModule
 from kfit.pose import CategoryModel
+from kfit.training.view_lens import view_lens
 
 # Objects of ten views each on which reconstruction is judged, of either kind, and views to which codes are fitted.
 L1_OBJECTS, L1_FITTED = 100, 50
@@ -41,7 +42,8 @@ def novel_view_l1(model: CategoryModel, cache: Path) -> list[float]:
 
 
 def _apart(model: CategoryModel, batch: dict[str, Tensor], code: Tensor) -> Tensor:
-    drawn = model.generator(code=code, azimuth=batch["azimuth"], elevation=batch["elevation"]).image
+    pose = {"azimuth": batch["azimuth"], "elevation": batch["elevation"]} | view_lens(model.generator, batch)
+    drawn = model.generator(code=code, **pose).image
     apart: Tensor = (drawn - batch["target"]).abs().mean((1, 2, 3))
     return apart
 

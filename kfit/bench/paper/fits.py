@@ -18,7 +18,7 @@ from kfit.callbacks import Pruning
 from kfit.core import Energy, FitResult, Initializer
 from kfit.energies import L1, L2, SSIM, CodePrior, Perceptual
 from kfit.features import EfficientNetLite0
-from kfit.generators import SimilarityWarp
+from kfit.generators import SimilarityWarp, fixed_camera
 from kfit.geometry import CATEGORIES, PoseNetwork, from_opencv, rotation_error, rotation_from_angles
 from kfit.geometry.pose import rotation_of
 from kfit.initializers import Constant, EncoderPosterior, FromMask, PosePosterior, SphereGrid
@@ -98,7 +98,7 @@ def paper_fit(
     make, weight = ENERGIES[energy]
     place: list[Initializer] = [Constant({"shift": 0.0})] if centred else [FromMask()]
     return FitPipeline(
-        SimilarityWarp(model.generator),
+        SimilarityWarp(fixed_camera(model.generator)),
         {energy: make(), **({"prior": CodePrior()} if prior else {})},
         [
             SphereGrid(elevation_deg=(0.0, 60.0)),
@@ -131,9 +131,7 @@ def by_fit(model: CategoryModel, views: HeldOutViews, pipeline: FitPipeline, on_
         rotation, place, diagonal = model.placed(fit.values, crop, camera)
         with torch.no_grad():
             boxes.append((rotation[0], place[0], model.extents(fit.values["code"])[0].double() * diagonal))
-    warped = SimilarityWarp(model.generator)
-    with torch.no_grad():
-        drawing = torch.cat([warped(**{name: fit.values[name] for name in warped.variables}).image for fit in fits])
+    drawing = torch.cat([model.draw(fit.values).image for fit in fits])
     return Found(away, shifts, boxes, drawing, results)
 
 
