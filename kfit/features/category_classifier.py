@@ -51,7 +51,8 @@ class CategoryClassifier(nn.Module):
 
     def forward(self, image: Tensor) -> Tensor:
         features, logits = self.network(image)
-        return (self.trust * grouped(logits) + features @ self.weight.T + self.bias).log_softmax(1)
+        found: Tensor = (self.trust * grouped(logits) + features @ self.weight.T + self.bias).log_softmax(1)
+        return found
 
 
 def object_square(image: NDArray[np.float32], box: NDArray[Any], margin: float) -> Tensor:

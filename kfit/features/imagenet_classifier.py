@@ -24,6 +24,9 @@ class ImageNetClassifier(nn.Module):
         ImportError: if the package with the weights is missing.
     """
 
+    class_weight: Tensor
+    class_bias: Tensor
+
     def __init__(self) -> None:
         super().__init__()
         state = weights()

@@ -46,4 +46,4 @@ def _reach(mask: NDArray[np.float32], box: Box) -> float:
     """The smaller of the shares of a box's width and height that a mask spans."""
     left, top, right, bottom = clipped(box, mask.shape[1], mask.shape[0])
     _, _, width, height = cv2.boundingRect((mask > 0.5).astype(np.uint8))
-    return min(width / (right - left), height / (bottom - top))
+    return float(min(width / (right - left), height / (bottom - top)))

@@ -168,7 +168,8 @@ def _is_grey(palette: Sequence[int]) -> bool:
 def _open(path: str | Path) -> tuple[Image.Image, dict[int, object]]:
     """The upright picture and its EXIF tags."""
     check_is_file(path)
-    size, colours, kinds = None, None, KINDS
+    size, colours = None, None
+    kinds: tuple[str, ...] = KINDS
     if is_heif(path):
         register_heif()
         kinds = ("HEIF",)

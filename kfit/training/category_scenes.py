@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from kfit.data import Light, Mesh, join, render, shapes
+from kfit.data import Light, Mesh, View, join, render, shapes
 from kfit.data.rasterizer import standard_intrinsics, standard_pose
 from kfit.data.shapes import colors, prints, textures
 from kfit.data.shapes.primitives import revolve, sheet, tube
@@ -80,7 +80,7 @@ def _before_photo(mesh: Mesh, light: Light, rng: np.random.Generator) -> Scene:
     return Scene(_as_bytes(_photographed(image, rng)), np.array([left, top, left + width, top + height], np.float64))
 
 
-def _view(mesh: Mesh, light: Light, rng: np.random.Generator):
+def _view(mesh: Mesh, light: Light, rng: np.random.Generator) -> View:
     stands = rng.random() < 0.8
     elevation = np.deg2rad(rng.uniform(-10, 80) if stands else rng.uniform(-90, 90))
     roll = np.deg2rad(rng.normal(0, 8)) if stands else rng.uniform(-np.pi, np.pi)
@@ -116,12 +116,12 @@ def _background(rng: np.random.Generator) -> NDArray:
     if rng.random() < 0.5:
         edge = int(SIDE * rng.uniform(0.3, 0.8))
         ground[edge:] = _surface(rng, (textures.wood, textures.plain)[rng.integers(2)])[edge:]
-    return ground
+    return np.asarray(ground)
 
 
 def _surface(rng: np.random.Generator, skin: Callable[..., NDArray]) -> NDArray:
     tile = skin(rng, colors.any_color(rng), (128, 128))
-    return cv2.resize(tile, (SIDE, SIDE)).astype(np.float32) / 255
+    return np.asarray(cv2.resize(tile, (SIDE, SIDE)), np.float32) / np.float32(255)
 
 
 def _other(rng: np.random.Generator) -> Mesh:
