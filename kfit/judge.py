@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import AbstractContextManager, nullcontext
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -22,6 +22,7 @@ from kfit.core import (
     Variables,
 )
 from kfit.core.contracts import Need
+from kfit.jacobian import JacobianProducts
 
 # Pixels that are drawn at once. On a CPU what a chunk of 16 pictures of 64 × 64 needs stays in the cache and is memory
 # that is used again: 120 at once take 1.7 times as long a picture, and 2 as long again as 16.
@@ -86,43 +87,67 @@ class Judge:
         joined: Evaluation = _joined(chunks)
         return joined
 
+    def retract(self, raw: Variables, step: Variables) -> Variables:
+        """Raw variables after a step, each in its own space."""
+        return {name: self.spaces[name].retract(tensor.detach(), step[name]) for name, tensor in raw.items()}
+
+    def linearize(self, raw: Variables, problem: Tensor) -> JacobianProducts:
+        """Draw rows once and keep their graphs, for products with the Jacobian of their residuals.
+
+        Raises:
+            ValueError: if a term that is descended is no sum of squares.
+        """
+        self.num_evaluations += len(problem)
+        prepared, parts = self._gather(problem), []
+        for number, rows in enumerate(self._chunks(len(problem))):
+            part = {name: tensor[rows] for name, tensor in raw.items()}
+            with torch.enable_grad():
+                steps = {name: torch.zeros_like(tensor, requires_grad=True) for name, tensor in part.items()}
+                drawn = self._draw(self.retract(part, steps), prepared[number], "residuals")
+                parts.append((list(steps.values()), torch.cat(drawn.residuals, 1)))
+        return JacobianProducts(parts)
+
     def _evaluate(self, raw: Variables, prepared: Any, need: Need) -> Evaluation:
-        wants, rows = need == "gradient", len(next(iter(raw.values())))
-        terms: dict[str, Tensor] = {}
-        residuals: list[Tensor] = []
+        wants = need == "gradient"
         with torch.set_grad_enabled(wants):
-            leaves = {name: tensor.detach().requires_grad_(wants) for name, tensor in raw.items()}
-            values = {name: self.spaces[name].to_value(leaf) for name, leaf in leaves.items()}
-            rendering: Rendering = self.generator(**values).map(_at_least_single)
-            for name, term in self.terms.items():
-                weight = self.weights[name]
-                if not weight and not self.rank_weights.get(name):
-                    continue
-                handed = self._values(term, values) if isinstance(term, Prior) else rendering.handed(term.on)
-                given = (handed,) if prepared[name] is None else (handed, prepared[name])
-                if need == "residuals" and weight:
-                    with self._precision(term):
-                        parts = self._residuals(name, given)
-                    residuals.append(weight**0.5 * parts)
-                    terms[name] = parts.square().sum(1)
-                    continue
-                # What only ranks has no slope.
-                with torch.set_grad_enabled(wants and bool(weight)), self._precision(term):
-                    terms[name] = term(*given) if isinstance(term, Prior) else term.compare(*given)
-            energy = torch.stack([self.weights[name] * term for name, term in terms.items()]).sum(0)
-            gradient = self._gradient(energy, leaves) if wants else None
-        if need == "residuals":
-            residuals = residuals or [energy.new_zeros(rows, 0)]
-        ranked = [self.rank_weights.get(name, 0.0) * term.detach() for name, term in terms.items()]
+            steps = {name: torch.zeros_like(tensor, requires_grad=wants) for name, tensor in raw.items()}
+            drawn = self._draw(self.retract(raw, steps) if wants else raw, prepared, need)
+            energy = torch.stack([self.weights[name] * term for name, term in drawn.terms.items()]).sum(0)
+            gradient = self._gradient(energy, steps) if wants else None
+        ranked = [self.rank_weights.get(name, 0.0) * term.detach() for name, term in drawn.terms.items()]
         return Evaluation(
             energy=energy.detach(),
             ranking=torch.stack(ranked).sum(0),
-            terms={name: term.detach() for name, term in terms.items()},
-            values={name: value.detach() for name, value in values.items()},
+            terms={name: term.detach() for name, term in drawn.terms.items()},
+            values={name: value.detach() for name, value in drawn.values.items()},
             gradient=gradient,
-            residuals=torch.cat(residuals, 1) if residuals else None,
-            rendering=rendering.map(Tensor.detach),
+            residuals=torch.cat(drawn.residuals, 1) if need == "residuals" else None,
+            rendering=drawn.rendering.map(Tensor.detach),
         )
+
+    def _draw(self, raw: Variables, prepared: Any, need: Need) -> _Drawn:
+        """Draw rows and compare them, with a graph where gradients are enabled."""
+        values = {name: self.spaces[name].to_value(tensor) for name, tensor in raw.items()}
+        rendering: Rendering = self.generator(**values).map(_at_least_single)
+        terms: dict[str, Tensor] = {}
+        # None of them, where no term is descended.
+        residuals = [rendering.image.new_zeros(len(rendering.image), 0)]
+        for name, term in self.terms.items():
+            weight = self.weights[name]
+            if not weight and not self.rank_weights.get(name):
+                continue
+            handed = self._values(term, values) if isinstance(term, Prior) else rendering.handed(term.on)
+            given = (handed,) if prepared[name] is None else (handed, prepared[name])
+            if need == "residuals" and weight:
+                with self._precision(term):
+                    parts = self._residuals(name, given)
+                residuals.append(weight**0.5 * parts)
+                terms[name] = parts.square().sum(1)
+                continue
+            # What only ranks has no slope.
+            with torch.set_grad_enabled(torch.is_grad_enabled() and bool(weight)), self._precision(term):
+                terms[name] = term(*given) if isinstance(term, Prior) else term.compare(*given)
+        return _Drawn(values, rendering, terms, residuals)
 
     def _precision(self, term: Energy | Prior) -> AbstractContextManager[Any]:
         """The precision around, for a term that can compare in it; else single."""
@@ -166,6 +191,15 @@ class Judge:
 
     def _targets(self, problem: Tensor) -> Any:
         return pytree.tree_map_only(Tensor, lambda tensor: tensor.index_select(0, problem), self.prepared)
+
+
+class _Drawn(NamedTuple):
+    """Rows as drawn and compared."""
+
+    values: Variables
+    rendering: Rendering
+    terms: dict[str, Tensor]
+    residuals: list[Tensor]
 
 
 def _at_least_single(tensor: Tensor) -> Tensor:

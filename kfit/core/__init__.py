@@ -8,6 +8,7 @@ from kfit.core.contracts import (
     Evaluate,
     Generator,
     Initializer,
+    Linearization,
     Optimizer,
     PoseNetwork,
     Prior,
@@ -17,11 +18,13 @@ from kfit.core.contracts import (
     Selector,
 )
 from kfit.core.frozen import frozen
+from kfit.core.manifolds import SO3, Simplex, UnitVector
 from kfit.core.result import FitResult, History
 from kfit.core.state import Evaluation, FitState, Observation, Rendering
 from kfit.core.variables import Angle, Bounded, Positive, Real, Space, Variable, Variables
 
 __all__ = [
+    "SO3",
     "Angle",
     "Bounded",
     "Callback",
@@ -35,6 +38,7 @@ __all__ = [
     "Generator",
     "History",
     "Initializer",
+    "Linearization",
     "Observation",
     "Optimizer",
     "PoseNetwork",
@@ -46,7 +50,9 @@ __all__ = [
     "ResidualPrior",
     "Schedule",
     "Selector",
+    "Simplex",
     "Space",
+    "UnitVector",
     "Variable",
     "Variables",
     "frozen",

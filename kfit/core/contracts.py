@@ -181,7 +181,29 @@ class Evaluate(Protocol):
     Only ``need="gradient"`` builds a graph; residuals can be had where all descended terms are sums of squares.
     """
 
-    def __call__(self, raw: Variables, problem: Tensor, need: Need = "value") -> Evaluation: ...
+    def __call__(self, raw: Variables, problem: Tensor, need: Need = "value") -> Evaluation:
+        """Evaluate rows (N, \\*raw_shape); the gradient is by a step from ``raw``, as `retract` takes it."""
+        ...
+
+    def retract(self, raw: Variables, step: Variables) -> Variables:
+        """Raw variables after a step, each in its variable's space; ``raw + step`` where that is flat."""
+        ...
+
+    def linearize(self, raw: Variables, problem: Tensor) -> Linearization:
+        """Draw rows once and keep the graph, for products with their residuals' Jacobian."""
+        ...
+
+
+class Linearization(Protocol):
+    """Residuals r (N, M) near ``raw`` as a linear map of a step, J = ∂r/∂step, without ever holding J."""
+
+    def push(self, step: Tensor) -> Tensor:
+        """J · step, (N, M), for steps (N, P) of all variables laid end to end."""
+        ...
+
+    def pull(self, residuals: Tensor) -> Tensor:
+        """Jᵀ · residuals, (N, P), for (N, M)."""
+        ...
 
 
 class Optimizer(ABC):

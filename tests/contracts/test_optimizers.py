@@ -7,6 +7,7 @@ from walk import shipped
 
 import kfit.optimizers
 from kfit.core import Evaluation, Optimizer, Rendering
+from kfit.jacobian import JacobianProducts
 from kfit.optimizers import CMAES, LBFGS, Adam, AutoAdam, GaussNewton, LevenbergMarquardt, Stages
 
 # How to build it, and the number of steps that a small problem takes it.
@@ -78,6 +79,21 @@ def evaluation_of(residuals_of, calls=None):
         picture = torch.cat([raw["x"], raw["y"][:, None]], 1)[:, None, None]
         return Evaluation(found, found, {"only": found}, dict(raw), gradient, residuals, Rendering(picture))
 
+    def linearize(raw, problem):
+        steps = {name: torch.zeros_like(tensor, requires_grad=True) for name, tensor in raw.items()}
+        with torch.enable_grad():
+            return JacobianProducts([(list(steps.values()), residuals_of(**retract(raw, steps)))])
+
+    return offering(evaluate, linearize)
+
+
+def retract(raw, step):
+    return {name: raw[name] + step[name] for name in raw}
+
+
+def offering(evaluate, linearize=None):
+    """A function as the contract `kfit.core.Evaluate`, all of whose variables are real numbers."""
+    evaluate.retract, evaluate.linearize = retract, linearize
     return evaluate
 
 
@@ -198,7 +214,7 @@ def ends(optimizer, broken, num_steps=10):
 
     while len(walked) < num_steps:
         looks.clear()
-        raw, _, memory = optimizer.step(evaluate, raw, problem, memory)
+        raw, _, memory = optimizer.step(offering(evaluate), raw, problem, memory)
         walked.append(raw)
     return raw
 
@@ -301,7 +317,7 @@ class TestAutoAdam:
             return seen
 
         optimizer = AutoAdam()
-        raw, *_ = optimizer.step(evaluate, starts(), torch.zeros(5).long(), optimizer.init(starts(), seeds()))
+        raw, *_ = optimizer.step(offering(evaluate), starts(), torch.zeros(5).long(), optimizer.init(starts(), seeds()))
         assert (raw["x"] - starts()["x"]).abs().max() <= 1
 
     @pytest.mark.parametrize("change", [0.0, float("nan")])
@@ -419,7 +435,7 @@ class TestCMAES:
             return evaluation_of(quadratic)(raw, problem, need)
 
         optimizer = CMAES(population=4)
-        optimizer.step(evaluate, starts(2), torch.tensor([3, 1]), optimizer.init(starts(2), seeds(2)))
+        optimizer.step(offering(evaluate), starts(2), torch.tensor([3, 1]), optimizer.init(starts(2), seeds(2)))
         assert seen == [[3, 1], [3] * 4 + [1] * 4]
 
     def test_draws_by_the_row_s_seed_alone(self):
