@@ -61,6 +61,8 @@ class FitPipeline(nn.Module):
         num_candidates: C ≥ S, starts a problem that initializers propose; each is drawn once, without a gradient, and
             the S of the least ranking energy are started. All are unless given.
         num_steps: steps of the optimizer; the last iterate is evaluated too.
+        history: whether the result's history holds the starts' values at every step, at every so many steps, or at
+            none; energies and terms, which are small, are always there.
 
     Raises:
         ValueError: for weights or rates of unknown names, variables that no or two initializers set, priors on unknown
@@ -80,6 +82,7 @@ class FitPipeline(nn.Module):
         num_starts: int = 32,
         num_steps: int = 50,
         num_candidates: int | None = None,
+        history: bool | int = True,
     ) -> None:
         super().__init__()
         check_count("num_starts", num_starts)
@@ -88,6 +91,8 @@ class FitPipeline(nn.Module):
             check_count("num_candidates", num_candidates)
             if num_candidates < num_starts:
                 raise ValueError(f"num_candidates must be at least num_starts, {num_starts}, got {num_candidates}")
+        if not isinstance(history, bool):
+            check_count("history", history)
         if not energies:
             raise ValueError("energies must name at least one energy, got none")
         for name, given, check in (("weights", weights, _check_weight), ("rank_weights", rank_weights, check_range)):
@@ -106,7 +111,7 @@ class FitPipeline(nn.Module):
         self.rank_weights = rank_weights
         self.selector = selector or LowestEnergy()
         self.callbacks = list(callbacks)
-        self.num_starts, self.num_steps = num_starts, num_steps
+        self.num_starts, self.num_steps, self.history = num_starts, num_steps, int(history)
         self.num_candidates = num_starts if num_candidates is None else num_candidates
         self._check_initializers(generator)
         if not any((rank_weights or self._weights_at(num_steps)).values()):
@@ -115,7 +120,7 @@ class FitPipeline(nn.Module):
         held = [value for initializer in self.initializers for value in vars(initializer).values()]
         self.networks = nn.ModuleList(value for value in held if isinstance(value, nn.Module))
         self.eval()
-        zeros = {name: torch.zeros(1, *v.shape) for name, v in generator.variables.items()}
+        zeros = {name: torch.zeros(1, *v.raw_shape) for name, v in generator.variables.items()}
         optimizer.init(zeros, torch.zeros(1, dtype=torch.long))
 
     def _check_initializers(self, generator: Generator) -> None:
@@ -185,7 +190,7 @@ class FitPipeline(nn.Module):
         state = FitState(0, self.num_steps, problem, start, raw, {}, nothing, {}, nothing, {}, memory)
         for callback in self.callbacks:
             callback.on_start(state)
-        recorder = Recorder(count, self.num_starts)
+        recorder = Recorder(count, self.num_starts, self.history)
         for step in range(self.num_steps + 1):
             judge.weights = self._weights_at(step)
             if step < self.num_steps:

@@ -36,7 +36,8 @@ class SO3(Space):
             2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
             2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y),
         )  # fmt: skip
-        return torch.stack(rows, -1).unflatten(-1, (3, 3))
+        matrix: Tensor = torch.stack(rows, -1).unflatten(-1, (3, 3))
+        return matrix
 
     def to_raw(self, value: Tensor) -> Tensor:
         unit = value.mT @ value - torch.eye(3, dtype=value.dtype, device=value.device)
@@ -71,12 +72,13 @@ class UnitVector(Space):
     """
 
     def to_value(self, raw: Tensor) -> Tensor:
-        return raw / raw.norm(dim=-1, keepdim=True)
+        unit: Tensor = raw / raw.norm(dim=-1, keepdim=True)
+        return unit
 
     def to_raw(self, value: Tensor) -> Tensor:
         if bool((value.norm(dim=-1) == 0).any()):
             raise ValueError("a UnitVector variable must not be the zero vector")
-        return value / value.norm(dim=-1, keepdim=True)
+        return self.to_value(value)
 
     def retract(self, raw: Tensor, step: Tensor) -> Tensor:
         here = self.to_value(raw)
@@ -170,4 +172,5 @@ def _quaternion_of(matrix: Tensor) -> Tensor:
     )
     largest = ways.diagonal(dim1=-2, dim2=-1).argmax(-1)[..., None, None].expand(*ways.shape[:-2], 1, 4)
     chosen = ways.gather(-2, largest)[..., 0, :]
-    return chosen / chosen.norm(dim=-1, keepdim=True)
+    unit: Tensor = chosen / chosen.norm(dim=-1, keepdim=True)
+    return unit

@@ -95,7 +95,7 @@ class LevenbergMarquardt(Optimizer):
         diagonal = _kept_above_zero(squares.diagonal(dim1=1, dim2=2))
 
         def solve(damped: Tensor, rows: Tensor) -> Tensor:
-            delta, _ = torch.linalg.solve_ex(squares[rows] + torch.diag_embed(damped[rows]), -slopes[rows])
+            delta: Tensor = torch.linalg.solve_ex(squares[rows] + torch.diag_embed(damped[rows]), -slopes[rows])[0]
             return delta
 
         return solve, diagonal

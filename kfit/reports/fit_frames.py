@@ -40,7 +40,8 @@ def fit_frames(result: PoseResult) -> FitFrames:
         result: of a fit of one photo.
 
     Raises:
-        ValueError: if several objects were fitted at once, whose steps are not told apart.
+        ValueError: if several objects were fitted at once, whose steps are not told apart, or not every step was
+            recorded.
     """
     fit, history = result.fit, result.fit.history
     if history.energy.shape[1] != 1:
@@ -48,6 +49,8 @@ def fit_frames(result: PoseResult) -> FitFrames:
             f"result must come from a fit of one object, as `pose` makes it, got one of {history.energy.shape[1]} that "
             "were fitted together"
         )
+    if history.value_stride != 1:
+        raise ValueError("result must come from a fit that recorded the values of every step, with history=True")
     start = int(fit.start[0])
     there = history.energy[:, 0, start].isfinite()  # a start at rest is not looked at again
     path = {name: value[there, 0, start] for name, value in history.values.items()}
