@@ -36,10 +36,9 @@ starts = [Uniform("roll", -0.3, 0.3), Uniform("shift", -0.2, 0.2), Constant({"sc
 for shrink in (8, 4, 2, 1):
     coarsest = shrink == 8
     first, seen = (F.avg_pool2d(picture[None], shrink)[0] for picture in (photo, second))
-    # Outside the first photo stands the second itself: what the first cannot explain does not count.
     # A bilinear warp of so few pixels would blur, and draw the fit aside: it reads from a grid four times as fine.
     motion = "similarity" if coarsest else "homography"
-    generator = Template(first, motion, fill=seen, light=True, oversampling=4)
+    generator = Template(first, motion, light=True, oversampling=4)
     few = {"callbacks": [Pruning({0: 16, 4: 4})], "num_starts": 32 if coarsest else 1, "num_steps": 8}
     result = FitPipeline(generator, {"l2": L2()}, starts, LevenbergMarquardt(), **few)(Observation(seen[None]), seed=0)
     matrix = generator.matrix(**{k: value for k, value in result.values.items() if k not in ("gain", "bias")})

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from typing import Any, NamedTuple
 
@@ -22,6 +22,7 @@ from kfit.core import (
     Variables,
 )
 from kfit.core.contracts import Need
+from kfit.core.rows import pictures_of
 from kfit.jacobian import JacobianProducts
 
 # Pixels that are drawn at once. On a CPU what a chunk of 16 pictures of 64 × 64 needs stays in the cache and is memory
@@ -36,11 +37,19 @@ class Judge:
     Rows are drawn in chunks, so that memory does not grow with their number; no row's answer depends on others. Under
     ``torch.autocast`` the generator draws in its precision, and of the terms those compare in it that say they can.
 
+    Where a rendering has a weight, each energy compares under its product with the observation's weight, so a row's
+    energy is a mean over what both count, as in airlab's masked losses. The *overlap* of a row is
+    o = Σ w_rendering · w_observation / Σ w_observation. A row with o < ``min_overlap``, or of no overlap, cannot win:
+    its ranking energy is infinite (ITK 4 gives the largest number to rows of no valid points; elastix stops below its
+    RequiredRatioOfValidSamples, 0.25). Its descended energy has the residual √(Σ_k |w_k|) · (1 − o / min_overlap) more,
+    with the weights w_k of the energies, which leads it back.
+
     Args:
         generator: frozen.
         terms: energies and priors by name, frozen.
         rank_weights: weights by which rows are ranked.
         observation: B problems.
+        min_overlap: least overlap of a row that may win.
 
     Attributes:
         weights: of the terms in the energy that is descended; the pipeline sets them before each step.
@@ -53,24 +62,27 @@ class Judge:
         terms: Mapping[str, Energy | Prior],
         rank_weights: Mapping[str, float],
         observation: Observation,
+        min_overlap: float,
     ) -> None:
+        self.observation, self.min_overlap = observation, min_overlap
         self.generator, self.terms, self.rank_weights = generator, terms, rank_weights
         self.spaces = {name: variable.space for name, variable in generator.variables.items()}
         self.weights: dict[str, float] = {}
         self.num_evaluations = 0
-        self.device = observation.image.device.type
+        self.device, self.views = observation.image.device.type, observation.views
         self.prepared: dict[str, Any] = {}
         for name, term in self.terms.items():
             with self._precision(term):
                 self.prepared[name] = (
                     term.prepare(observation.handed(term.on), observation.weight)
                     if isinstance(term, Energy)
-                    else term.prepare(observation)
+                    else term.prepare(observation.first_views())
                 )
-        self._rows: tuple[Tensor, list[Any]] | None = None
+        self.context = dict(generator.prepare(observation))
+        self._rows: tuple[Tensor, list[_Rows]] | None = None
         height, width = observation.image.shape[-2:]
         pixels = CHUNK_PIXELS.get(observation.image.device.type, CHUNK_PIXELS_ELSEWHERE)
-        self.chunk = max(1, pixels // (height * width))
+        self.chunk = max(1, pixels // (height * width * self.views))
 
     def __call__(self, raw: Variables, problem: Tensor, need: Need = "value") -> Evaluation:
         """Draw and compare.
@@ -78,12 +90,7 @@ class Judge:
         Raises:
             ValueError: if residuals are asked for and a term that is descended is no sum of squares.
         """
-        self.num_evaluations += len(problem)
-        prepared = self._gather(problem)
-        chunks = [
-            self._evaluate({name: tensor[rows] for name, tensor in raw.items()}, prepared[number], need)
-            for number, rows in enumerate(self._chunks(len(problem)))
-        ]
+        chunks = [self._evaluate(part, rows, need) for part, rows in self._chunks(raw, problem)]
         joined: Evaluation = _joined(chunks)
         return joined
 
@@ -97,27 +104,30 @@ class Judge:
         Raises:
             ValueError: if a term that is descended is no sum of squares.
         """
-        self.num_evaluations += len(problem)
-        prepared, parts = self._gather(problem), []
-        for number, rows in enumerate(self._chunks(len(problem))):
-            part = {name: tensor[rows] for name, tensor in raw.items()}
+        parts = []
+        for part, rows in self._chunks(raw, problem):
             with torch.enable_grad():
                 steps = {name: torch.zeros_like(tensor, requires_grad=True) for name, tensor in part.items()}
-                drawn = self._draw(self.retract(part, steps), prepared[number], "residuals")
+                drawn = self._draw(self.retract(part, steps), rows, "residuals")
                 parts.append((list(steps.values()), torch.cat(drawn.residuals, 1)))
         return JacobianProducts(parts)
 
-    def _evaluate(self, raw: Variables, prepared: Any, need: Need) -> Evaluation:
+    def _evaluate(self, raw: Variables, rows: _Rows, need: Need) -> Evaluation:
         wants = need == "gradient"
         with torch.set_grad_enabled(wants):
             steps = {name: torch.zeros_like(tensor, requires_grad=wants) for name, tensor in raw.items()}
-            drawn = self._draw(self.retract(raw, steps) if wants else raw, prepared, need)
+            drawn = self._draw(self.retract(raw, steps) if wants else raw, rows, need)
             energy = torch.stack([self.weights[name] * term for name, term in drawn.terms.items()]).sum(0)
+            if drawn.missing is not None:
+                energy = energy + drawn.missing.square()
             gradient = self._gradient(energy, steps) if wants else None
         ranked = [self.rank_weights.get(name, 0.0) * term.detach() for name, term in drawn.terms.items()]
+        ranking = torch.stack(ranked).sum(0)
+        if drawn.overlap is not None:
+            ranking = ranking.where((drawn.overlap > 0) & (drawn.overlap >= self.min_overlap), torch.inf)
         return Evaluation(
             energy=energy.detach(),
-            ranking=torch.stack(ranked).sum(0),
+            ranking=ranking,
             terms={name: term.detach() for name, term in drawn.terms.items()},
             values={name: value.detach() for name, value in drawn.values.items()},
             gradient=gradient,
@@ -125,29 +135,60 @@ class Judge:
             rendering=drawn.rendering.map(Tensor.detach),
         )
 
-    def _draw(self, raw: Variables, prepared: Any, need: Need) -> _Drawn:
+    def _draw(self, raw: Variables, rows: _Rows, need: Need) -> _Drawn:
         """Draw rows and compare them, with a graph where gradients are enabled."""
         values = {name: self.spaces[name].to_value(tensor) for name, tensor in raw.items()}
-        rendering: Rendering = self.generator(**values).map(_at_least_single)
+        rendering: Rendering = self.generator(**values, **rows.context).map(_at_least_single)
+        joint = None if rendering.weight is None else self._joint(rendering.weight, rows.picture)
         terms: dict[str, Tensor] = {}
         # None of them, where no term is descended.
-        residuals = [rendering.image.new_zeros(len(rendering.image), 0)]
+        residuals = [rendering.image.new_zeros(len(rows.problem), 0)]
         for name, term in self.terms.items():
             weight = self.weights[name]
             if not weight and not self.rank_weights.get(name):
                 continue
-            handed = self._values(term, values) if isinstance(term, Prior) else rendering.handed(term.on)
-            given = (handed,) if prepared[name] is None else (handed, prepared[name])
-            if need == "residuals" and weight:
-                with self._precision(term):
-                    parts = self._residuals(name, given)
-                residuals.append(weight**0.5 * parts)
-                terms[name] = parts.square().sum(1)
-                continue
+            target = rows.targets[name]
             # What only ranks has no slope.
             with torch.set_grad_enabled(torch.is_grad_enabled() and bool(weight)), self._precision(term):
-                terms[name] = term(*given) if isinstance(term, Prior) else term.compare(*given)
-        return _Drawn(values, rendering, terms, residuals)
+                if joint is not None and isinstance(term, Energy):
+                    target = term.prepare(self._rows_of(self.observation.handed(term.on), rows.picture), joint)
+                handed = self._values(term, values) if isinstance(term, Prior) else rendering.handed(term.on)
+                given = (handed,) if target is None else (handed, target)
+                if need == "residuals" and weight:
+                    parts = self._residuals(name, given)
+                    if isinstance(term, Energy):  # a mean over the views
+                        parts = parts.reshape(len(rows.problem), -1) / self.views**0.5
+                    residuals.append(weight**0.5 * parts)
+                    terms[name] = parts.square().sum(1)
+                else:
+                    found = term(*given) if isinstance(term, Prior) else term.compare(*given)
+                    terms[name] = found if isinstance(term, Prior) else found.view(-1, self.views).mean(1)
+        overlap = missing = None
+        if joint is not None:
+            overlap = self._overlap(joint, rows.picture)
+            missing = self._missing(overlap)
+            residuals.append(missing[:, None])
+        return _Drawn(values, rendering, terms, residuals, overlap, missing)
+
+    def _joint(self, weight: Tensor, picture: Tensor) -> Tensor:
+        """What rendering and observation both count, (N, 1, H, W)."""
+        seen = self.observation.weight
+        return weight if seen is None else weight * self._rows_of(seen, picture)
+
+    def _overlap(self, joint: Tensor, picture: Tensor) -> Tensor:
+        """What the rendering counts of what the observation counts, (N,) in [0, 1]."""
+        seen = self.observation.weight
+        if seen is None:
+            return joint.reshape(len(picture) // self.views, -1).mean(1)
+        total, both = (t.reshape(len(picture) // self.views, -1).sum(1) for t in (self._rows_of(seen, picture), joint))
+        return both / torch.where(total > 0, total, 1)
+
+    def _missing(self, overlap: Tensor) -> Tensor:
+        """The residual (N,) of what is missing of the least overlap."""
+        if not self.min_overlap:
+            return torch.zeros_like(overlap)
+        scale = sum(abs(self.weights[name]) for name, term in self.terms.items() if isinstance(term, Energy)) ** 0.5
+        return scale * (1 - overlap / self.min_overlap).clamp_min(0)
 
     def _precision(self, term: Energy | Prior) -> AbstractContextManager[Any]:
         """The precision around, for a term that can compare in it; else single."""
@@ -178,28 +219,50 @@ class Judge:
             for (name, leaf), slope in zip(leaves.items(), slopes, strict=True)
         }
 
-    def _chunks(self, rows: int) -> list[slice]:
-        """Even parts of at most `chunk` rows; one part of none, where there are no rows."""
-        count = max(1, -(-rows // self.chunk))
-        return [slice(rows * part // count, rows * (part + 1) // count) for part in range(count)]
+    def _chunks(self, raw: Variables, problem: Tensor) -> Iterator[tuple[Variables, _Rows]]:
+        """Even parts of at most `chunk` rows; one part of none, where there are no rows.
 
-    def _gather(self, problem: Tensor) -> list[Any]:
-        """The targets' features for the rows of each chunk, gathered anew only when the rows have changed."""
+        What belongs to their problems is gathered anew only when the rows have changed.
+        """
+        rows, count = len(problem), max(1, -(-len(problem) // self.chunk))
+        self.num_evaluations += rows * self.views
+        parts = [slice(rows * part // count, rows * (part + 1) // count) for part in range(count)]
         if self._rows is None or not torch.equal(self._rows[0], problem):
-            self._rows = (problem, [self._targets(problem[rows]) for rows in self._chunks(len(problem))])
-        return self._rows[1]
+            self._rows = (problem, [self._gather(problem[part]) for part in parts])
+        for part, gathered in zip(parts, self._rows[1], strict=True):
+            yield {name: tensor[part] for name, tensor in raw.items()}, gathered
 
-    def _targets(self, problem: Tensor) -> Any:
-        return pytree.tree_map_only(Tensor, lambda tensor: tensor.index_select(0, problem), self.prepared)
+    def _gather(self, problem: Tensor) -> _Rows:
+        picture = pictures_of(problem, self.views)
+        targets = {
+            name: self._rows_of(prepared, picture if isinstance(self.terms[name], Energy) else problem)
+            for name, prepared in self.prepared.items()
+        }
+        return _Rows(problem, picture, targets, self._rows_of(self.context, problem))
+
+    @staticmethod
+    def _rows_of(targets: Any, problem: Tensor) -> Any:
+        return pytree.tree_map_only(Tensor, lambda tensor: tensor.index_select(0, problem), targets)
+
+
+class _Rows(NamedTuple):
+    """What belongs to the problems of some rows: their pictures' numbers, targets' features, the generator's context."""
+
+    problem: Tensor
+    picture: Tensor
+    targets: dict[str, Any]
+    context: dict[str, Tensor]
 
 
 class _Drawn(NamedTuple):
-    """Rows as drawn and compared."""
+    """Rows as drawn and compared; of what a generator does not vouch for, the overlap and what is missing of it."""
 
     values: Variables
     rendering: Rendering
     terms: dict[str, Tensor]
     residuals: list[Tensor]
+    overlap: Tensor | None
+    missing: Tensor | None
 
 
 def _at_least_single(tensor: Tensor) -> Tensor:

@@ -63,6 +63,10 @@ class FitPipeline(nn.Module):
         num_steps: steps of the optimizer; the last iterate is evaluated too.
         history: whether the result's history holds the starts' values at every step, at every so many steps, or at
             none; energies and terms, which are small, are always there.
+        min_overlap: where the generator's renderings have a weight, such as `kfit.generators.Template`'s, the least
+            share of the observation's weight that a row must cover to win. Below it the row's ranking energy is
+            infinite and a penalty leads it back; each energy is a mean over the pixels that both count. Lower it
+            where a template is smaller than a quarter of the picture.
 
     Raises:
         ValueError: for weights or rates of unknown names, variables that no or two initializers set, priors on unknown
@@ -83,6 +87,7 @@ class FitPipeline(nn.Module):
         num_steps: int = 50,
         num_candidates: int | None = None,
         history: bool | int = True,
+        min_overlap: float = 0.25,
     ) -> None:
         super().__init__()
         check_count("num_starts", num_starts)
@@ -93,6 +98,7 @@ class FitPipeline(nn.Module):
                 raise ValueError(f"num_candidates must be at least num_starts, {num_starts}, got {num_candidates}")
         if not isinstance(history, bool):
             check_count("history", history)
+        check_range("min_overlap", min_overlap, 0, 1)
         if not energies:
             raise ValueError("energies must name at least one energy, got none")
         for name, given, check in (("weights", weights, _check_weight), ("rank_weights", rank_weights, check_range)):
@@ -111,7 +117,8 @@ class FitPipeline(nn.Module):
         self.rank_weights = rank_weights
         self.selector = selector or LowestEnergy()
         self.callbacks = list(callbacks)
-        self.num_starts, self.num_steps, self.history = num_starts, num_steps, int(history)
+        self.num_starts, self.num_steps, self.min_overlap = num_starts, num_steps, min_overlap
+        self.history = int(history)
         self.num_candidates = num_starts if num_candidates is None else num_candidates
         self._check_initializers(generator)
         if not any((rank_weights or self._weights_at(num_steps)).values()):
@@ -181,9 +188,11 @@ class FitPipeline(nn.Module):
         start = torch.arange(self.num_starts, device=device).repeat(count)
         terms: dict[str, Energy | Prior] = dict(self.energies.items())  # type: ignore[arg-type]
         rank_weights = self.rank_weights or self._weights_at(self.num_steps)
-        judge = Judge(self.generator, terms, rank_weights, observation)
+        judge = Judge(self.generator, terms, rank_weights, observation, self.min_overlap)
         with torch.autocast(device.type, enabled=False):  # it would round the starts
-            proposed = propose(self.initializers, self.generator.variables, observation, self.num_candidates, seed)
+            proposed = propose(
+                self.initializers, self.generator.variables, observation.first_views(), self.num_candidates, seed
+            )
         raw = self._likeliest(judge, proposed)
         nothing = raw[next(iter(raw))].new_full((len(problem),), torch.inf)
         memory = self.optimizer.init(raw, self._seeds(observation, seed))

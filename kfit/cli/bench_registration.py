@@ -128,7 +128,7 @@ def register(pair: Pair) -> Tensor:
         template, observed = (gaussian_blur2d(picture, (7, 7), (blur, blur)) for picture in small)
         mask = F.pad(torch.ones_like(observed[0, :1, 1:-1, 1:-1]), [1] * 4)
         motion = "similarity" if level == 3 else "homography"
-        generator = Template(template[0], motion, observed[0], mask, light=True, oversampling=4)  # type: ignore[arg-type]
+        generator = Template(template[0], motion, mask=mask, light=True, oversampling=4)  # type: ignore[arg-type]
         # An overlap that may still change shrinks, for the less of it the less noise; so at last it stays as found.
         weight = mask[None] if level else mask[None] * inside(generator, corners)
         pipeline = FitPipeline(

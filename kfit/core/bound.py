@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 from torch import Tensor
 
 from kfit.core.check import check_names, check_shape
 from kfit.core.contracts import Generator
-from kfit.core.state import Rendering
+from kfit.core.state import Observation, Rendering
 from kfit.core.variables import Variables
 
 
@@ -52,6 +52,9 @@ class Bound(Generator):
         self.variables = {k: v for k, v in generator.variables.items() if k not in fixed}
         for name, value in fixed.items():
             self.register_buffer(f"held_{name}", value.detach(), persistent=False)
+
+    def prepare(self, observation: Observation) -> Mapping[str, Tensor]:
+        return self.generator.prepare(observation)
 
     def forward(self, **values: Tensor) -> Rendering:
         rows = next(iter(values.values())).shape[0] if values else 1

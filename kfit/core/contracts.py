@@ -37,6 +37,14 @@ class Generator(nn.Module, ABC):
     def forward(self, **values: Tensor) -> Rendering:
         """Draw N pictures; each value is (N, \\*shape), all rows independent of one another."""
 
+    def prepare(self, observation: Observation) -> Mapping[str, Tensor]:
+        """What the generator needs to know of the pictures besides its variables, such as their cameras.
+
+        Made once a fit; each tensor leads with the B problems and is given to `forward` by its name, a row for each
+        row drawn. A generator of several views draws the V pictures of a row one after another, (N · V, …).
+        """
+        return {}
+
     def bind(self, **fixed: Tensor) -> Generator:
         """The same generator with some variables held at one value (\\*shape) for all rows.
 

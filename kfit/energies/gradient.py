@@ -9,7 +9,7 @@ from torch import Tensor
 
 from kfit.core import ResidualEnergy
 from kfit.core.check import check_shape
-from kfit.energies.weighting import painted, shares
+from kfit.energies.weighting import painted, root_weights
 
 
 class Gradient(ResidualEnergy):
@@ -33,5 +33,5 @@ class Gradient(ResidualEnergy):
         check_shape("prediction", prediction, tuple(target.shape))
         # The filter is linear: the slopes of the difference are the differences of the slopes.
         slopes = spatial_gradient(painted(prediction, weight) - target)
-        residuals: Tensor = slopes * shares(weight, target).sqrt().unsqueeze(2)
+        residuals: Tensor = slopes * root_weights(weight, target).unsqueeze(2)
         return residuals.flatten(1)

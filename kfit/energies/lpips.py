@@ -11,7 +11,7 @@ from torch import Tensor
 
 from kfit.core import ResidualEnergy
 from kfit.core.check import check_choice
-from kfit.energies.weighting import painted, shares
+from kfit.energies.weighting import painted, root_weights
 from kfit.features import VGG16, AlexNet, FeatureNetwork
 
 
@@ -58,8 +58,8 @@ class LPIPS(ResidualEnergy):
         scale = {}
         for number, (name, feature) in enumerate(features.items()):
             # a share is one of all numbers of a layer, and this is a sum over channels
-            share = shares(weight, feature) * feature.shape[1]
-            scale[name] = (share * self.get_buffer(f"head{number}")).sqrt()
+            root = root_weights(weight, feature) * feature.shape[1] ** 0.5
+            scale[name] = root * self.get_buffer(f"head{number}").sqrt()
         return super().prepare(features, weight) | {"scale": scale}
 
     def residuals(self, prediction: Any, prepared: Any) -> Tensor:

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from kfit.core import ResidualEnergy
 from kfit.core.check import check_shape
-from kfit.energies.weighting import shares
+from kfit.energies.weighting import painted, root_weights, shares
 
 # A variance of (1e-4)², far below one grey level of 256: what a flat picture is divided by.
 _LEAST_VARIANCE = 1e-8
@@ -30,21 +30,25 @@ class NCC(ResidualEnergy):
     """
 
     def prepare(self, target: Any, weight: Tensor | None = None) -> Any:
-        share = shares(weight, target)
-        return {"target": target, "share": share, "unit": _unit(target, share)}
+        share = {"share": shares(weight, target), "root": root_weights(weight, target)}
+        target = painted(target, weight)
+        prepared = {"target": target, "unit": _unit(target, share), "share": share}
+        return prepared if weight is None else prepared | {"weight": weight}
 
     def residuals(self, prediction: Any, prepared: Any) -> Tensor:
         check_shape("prediction", prediction, tuple(prepared["target"].shape))
+        prediction = painted(prediction, prepared.get("weight"))
         # Of two unit vectors |a − b|² = 2 − 2 a·b, so half their difference squares to (1 − ρ) / 2.
         apart: Tensor = _unit(prediction, prepared["share"]) - prepared["unit"]
         return apart / 2
 
 
-def _unit(image: Tensor, share: Tensor) -> Tensor:
+def _unit(image: Tensor, parts: dict[str, Tensor]) -> Tensor:
     """A row's deviations from their mean as one vector (N, C·H·W + 1) of length 1; its last number is √c's share."""
+    share = parts["share"]
     total = share.expand_as(image[:, :1]).sum((2, 3), keepdim=True)
     mean = (image * share).sum((2, 3), keepdim=True) / torch.where(total > 0, total, 1)
-    deviation = ((image - mean) * share.sqrt()).flatten(1)
+    deviation = ((image - mean) * parts["root"]).flatten(1)
     last = deviation.new_full((len(deviation), 1), _LEAST_VARIANCE**0.5)
     length = (deviation.square().sum(1, keepdim=True) + _LEAST_VARIANCE).sqrt()
     return torch.cat([deviation, last], 1) / length

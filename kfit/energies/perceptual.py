@@ -11,7 +11,7 @@ from torch import Tensor, nn
 
 from kfit.core import ResidualEnergy, frozen
 from kfit.core.check import check_choice, check_names
-from kfit.energies.weighting import painted, shares
+from kfit.energies.weighting import painted, root_weights, shares
 from kfit.features import FeatureNetwork
 
 
@@ -58,11 +58,9 @@ class Perceptual(ResidualEnergy):
         normalize = len(features) > 1 if self.normalize is None else self.normalize
         scale = {}
         for name, feature in features.items():
-            share = shares(weight, feature)
-            scale[name] = share.sqrt()
+            scale[name] = root_weights(weight, feature)
             if normalize:
-                mean_square = (feature.square() * share).sum((1, 2, 3), keepdim=True)
-                # roots apart: that of a share of 0 has no slope, and the target may be asked for its own
+                mean_square = (feature.square() * shares(weight, feature)).sum((1, 2, 3), keepdim=True)
                 scale[name] = scale[name] / mean_square.clamp_min(1e-8).sqrt()
         return super().prepare(features, weight) | {"scale": scale}
 

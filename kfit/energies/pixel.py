@@ -8,7 +8,7 @@ from torch import Tensor
 
 from kfit.core import Energy, ResidualEnergy
 from kfit.core.check import check_shape
-from kfit.energies.weighting import shares
+from kfit.energies.weighting import painted, root_weights, shares
 
 
 class L1(Energy):
@@ -22,11 +22,13 @@ class L1(Energy):
         ValueError: if the pictures' shapes differ.
     """
 
+    def prepare(self, target: Any, weight: Tensor | None = None) -> Any:
+        return super().prepare(painted(target, weight), weight)
+
     def compare(self, prediction: Any, prepared: Any) -> Tensor:
-        target: Tensor = prepared["target"]
+        target, weight = prepared["target"], prepared.get("weight")
         check_shape("prediction", prediction, tuple(target.shape))
-        share = shares(prepared.get("weight"), target)
-        error: Tensor = (prediction - target).abs() * share
+        error: Tensor = (painted(prediction, weight) - target).abs() * shares(weight, target)
         return error.sum((1, 2, 3))
 
 
@@ -41,9 +43,11 @@ class L2(ResidualEnergy):
         ValueError: if the pictures' shapes differ.
     """
 
+    def prepare(self, target: Any, weight: Tensor | None = None) -> Any:
+        return super().prepare(painted(target, weight), weight)
+
     def residuals(self, prediction: Any, prepared: Any) -> Tensor:
-        target: Tensor = prepared["target"]
+        target, weight = prepared["target"], prepared.get("weight")
         check_shape("prediction", prediction, tuple(target.shape))
-        share = shares(prepared.get("weight"), target)
-        residuals: Tensor = (prediction - target) * share.sqrt()
+        residuals: Tensor = (painted(prediction, weight) - target) * root_weights(weight, target)
         return residuals.flatten(1)

@@ -12,6 +12,7 @@ from torch import Tensor
 
 from kfit.core import Energy, ResidualEnergy
 from kfit.core.check import check_count
+from kfit.energies.weighting import painted
 
 
 class Pyramid(Energy):
@@ -83,10 +84,8 @@ def _halved(pictures: Any, weight: Tensor | None) -> Any:
     if weight is None:
         return _pooled(pictures)
     weight = weight.to(pictures.dtype)
-    # rather than 0 times what is hidden, which may be NaN
-    seen = torch.where(weight > 0, pictures * weight, 0)
     total = _pooled(weight)
-    return _pooled(seen) / torch.where(total > 0, total, 1)
+    return _pooled(painted(pictures, weight) * weight) / torch.where(total > 0, total, 1)
 
 
 def _pooled(picture: Tensor) -> Tensor:

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from kfit.core import ResidualEnergy
 from kfit.core.check import check_positive, check_shape
-from kfit.energies.weighting import shares
+from kfit.energies.weighting import painted, root_weights
 
 
 class _Robust(ResidualEnergy):
@@ -24,16 +24,19 @@ class _Robust(ResidualEnergy):
         check_positive("scale", scale)
         self.scale = scale
 
+    def prepare(self, target: Any, weight: Tensor | None = None) -> Any:
+        return super().prepare(painted(target, weight), weight)
+
     def residuals(self, prediction: Any, prepared: Any) -> Tensor:
-        target: Tensor = prepared["target"]
+        target, weight = prepared["target"], prepared.get("weight")
         check_shape("prediction", prediction, tuple(target.shape))
-        share = shares(prepared.get("weight"), target)
-        u = ((prediction - target) / self.scale).to(share.dtype)
+        root_share = root_weights(weight, target)
+        u = ((painted(prediction, weight) - target) / self.scale).to(root_share.dtype)
         # r = ±√ρ is smooth, its formula is not: near 0, where ρ(u) = u² / 2, the root has no slope
         near = u.abs() < 1e-4
         far = torch.where(near, 1.0, u)
         root = self.loss(far, torch.zeros_like(u), reduction="none").sqrt() * far.sign()
-        residuals: Tensor = torch.where(near, u * 0.5**0.5, root) * share.sqrt()
+        residuals: Tensor = torch.where(near, u * 0.5**0.5, root) * root_share
         return residuals.flatten(1)
 
 

@@ -35,10 +35,20 @@ def shares(weight: Tensor | None, like: Tensor) -> Tensor:
     return weight / torch.where(total > 0, total, 1)
 
 
+def root_weights(weight: Tensor | None, like: Tensor) -> Tensor:
+    """Square roots of `shares`; where a share is 0 the slope is 0 too, as for weights that a generator draws.
+
+    A residual is a difference times this root.
+    """
+    share = shares(weight, like)
+    counted = share > 0
+    return torch.where(counted, torch.where(counted, share, 1).sqrt(), 0)
+
+
 def painted(image: Tensor, weight: Tensor | None) -> Tensor:
     """``image`` (N, C, H, W) with white, the background, wherever ``weight`` (N, 1, H, W) is 0.
 
-    Windows and receptive fields look past the pixel where they stand; painting both sides alike keeps what does not
-    count out of its neighbours too, so that a half-hidden object still has its least energy at the truth.
+    What is hidden may be anything, NaN too: painting both sides alike keeps it out of sums, and out of the windows and
+    receptive fields of its neighbours, so that a half-hidden object still has its least energy at the truth.
     """
     return image if weight is None else torch.where(weight > 0, image, 1.0)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 from torch import Tensor
 
-from kfit.core import Generator, Positive, Rendering, Variable
+from kfit.core import Generator, Observation, Positive, Rendering, Variable
 
 OWN = ("distance", "focal")
 
@@ -37,6 +38,9 @@ class MetricDepth(Generator):
             raise ValueError(f"MetricDepth: the generator has {', '.join(taken)} already")
         self.generator = generator
         self.variables = {**generator.variables} | {name: Variable((), Positive()) for name in OWN}
+
+    def prepare(self, observation: Observation) -> Mapping[str, Tensor]:
+        return self.generator.prepare(observation)
 
     def forward(self, **values: Tensor) -> Rendering:
         drawn: Rendering = self.generator(**{name: value for name, value in values.items() if name not in OWN})

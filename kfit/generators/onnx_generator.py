@@ -13,7 +13,7 @@ from kfit.core import Angle, Bounded, Generator, Positive, Real, Rendering, Vari
 from kfit.core.check import check_names, check_shape, check_text
 
 SPACES = {space.__name__: space for space in (Real, Positive, Bounded, Angle)}
-FIELDS = ("image", "mask", "depth")
+FIELDS = ("image", "mask", "depth", "weight")
 
 
 class OnnxGenerator(Generator):

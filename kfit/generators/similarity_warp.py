@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import torch
 from kornia.geometry.transform import warp_affine
 from torch import Tensor
 
-from kfit.core import Angle, Generator, Positive, Rendering, Variable, Variables
+from kfit.core import Angle, Generator, Observation, Positive, Rendering, Variable, Variables
 from kfit.core.check import check_names
 
 OWN = ("roll", "shift", "scale")
@@ -16,7 +18,8 @@ class SimilarityWarp(Generator):
     """Adds roll, shift and scale to a generator by a similarity warp of its finished picture (paper, equation 2).
 
     A point (u, v) of the generator's picture, in half-widths from the centre, x right and y up, goes to
-    scale · Rz(roll) · (u, v) + shift; outside is white, mask 0. Depth is warped premultiplied by the mask.
+    scale · Rz(roll) · (u, v) + shift; outside is white, mask 0. Depth is warped premultiplied by the mask, and where
+    the generator draws a weight, what is outside its picture counts, and colours are warped premultiplied by it.
 
     Adds the variables ``roll`` (radians, anticlockwise), ``shift`` (2,) in half-widths of the picture (x right, y up)
     and ``scale`` (above 0; 1 leaves the size).
@@ -40,6 +43,9 @@ class SimilarityWarp(Generator):
             "shift": Variable((2,)),
             "scale": Variable((), Positive()),
         }
+
+    def prepare(self, observation: Observation) -> Mapping[str, Tensor]:
+        return self.generator.prepare(observation)
 
     def forward(self, **values: Tensor) -> Rendering:
         inner = {name: value for name, value in values.items() if name not in OWN}
@@ -90,16 +96,22 @@ def warp(drawn: Rendering, roll: Tensor, shift: Tensor, scale: Tensor) -> Render
     centre = shift.new_tensor([(width - 1) / 2, (height - 1) / 2])
     moved = centre + shift * shift.new_tensor([width / 2, -height / 2])
     # White outside: what is warped is the difference to white, whose outside is 0.
-    parts = [drawn.image - 1]
+    parts = {"image": drawn.image - 1}
+    if drawn.weight is not None:  # outside counts: what is warped is what does not
+        parts = {"image": drawn.weight * torch.where(drawn.weight > 0, parts["image"], 0), "hidden": 1 - drawn.weight}
     if drawn.mask is not None:
-        parts.append(drawn.mask)
+        parts["mask"] = drawn.mask
         if drawn.depth is not None:
-            parts.append(drawn.depth * drawn.mask)
-    sizes = [part.shape[1] for part in parts]
-    whole = torch.cat(parts, 1).expand(linear.shape[0], -1, -1, -1)
+            parts["depth"] = drawn.depth * drawn.mask
+    whole = torch.cat(list(parts.values()), 1).expand(linear.shape[0], -1, -1, -1)
     # Out of autocast: bfloat16 matrices miss by up to a fifth of a pixel.
     with torch.autocast(whole.device.type, enabled=False):
         matrix = torch.cat([linear, (moved - linear @ centre)[..., None]], -1)
-        pieces = warp_affine(whole, matrix, (height, width), align_corners=True).split(sizes, 1)
-    depth = pieces[2] / pieces[1].clamp_min(1e-4) if len(pieces) > 2 else None
-    return Rendering(image=pieces[0] + 1, mask=pieces[1] if len(pieces) > 1 else None, depth=depth)
+        warped = warp_affine(whole, matrix, (height, width), align_corners=True)
+    found = dict(zip(parts, warped.split([part.shape[1] for part in parts.values()], 1), strict=True))
+    image, mask, weight = found["image"], found.get("mask"), None
+    if "hidden" in found:
+        weight = (1 - found["hidden"]).clamp(0, 1)
+        image = image / weight.clamp_min(1e-4)
+    depth = found["depth"] / found["mask"].clamp_min(1e-4) if "depth" in found else None
+    return Rendering(image=image + 1, mask=mask, depth=depth, weight=weight)

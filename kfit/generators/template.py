@@ -25,6 +25,8 @@ MOTIONS: dict[str, dict[str, Variable]] = {
     },
     "homography": {"corners": Variable((4, 2))},
 }
+# A pixel of which less is covered counts as outside: its colour would be a quotient of two small numbers.
+LEAST_COVER = 1e-3
 LIGHT = {"gain": Variable((), Positive()), "bias": Variable()}
 
 
@@ -40,13 +42,15 @@ class Template(Generator):
       homographies", 2006).
 
     ``shift`` and ``corners`` are in half-widths and half-heights, ``roll`` in radians anticlockwise. Variables of 0,
-    and of 1 for scale, stretch and gain, leave the picture as it is. The mask says where the template covers.
+    and of 1 for scale, stretch and gain, leave the picture as it is. Mask and weight of the rendering are what the
+    template covers of each pixel: outside it nothing counts, so a fit compares the overlap alone and
+    `kfit.FitPipeline`'s ``min_overlap`` keeps the template in the frame. A pixel that it covers in part has the colour
+    of that part.
 
     Args:
         picture: (C, H, W) in [0, 1].
         motion: "similarity", "affine" or "homography".
-        fill: what lies outside: a number, or a picture (C, H, W). With the observed picture as the fill, the
-            outside explains itself, so that only the overlap counts.
+        fill: the brightness drawn outside, which is shown but never counts.
         mask: (1, H, W) in [0, 1], where the template is known; everywhere unless given.
         light: also fit ``gain`` (above 0) and ``bias`` of the template's brightness, gain · picture + bias.
         oversampling: how many times finer, along each side, the grid is from which the warp reads; a cubic spline
@@ -59,13 +63,12 @@ class Template(Generator):
     """
 
     pixels: Tensor
-    fill: Tensor
 
     def __init__(
         self,
         picture: Tensor,
         motion: Motion = "homography",
-        fill: float | Tensor = 1.0,
+        fill: float = 1.0,
         mask: Tensor | None = None,
         light: bool = False,
         oversampling: int = 1,
@@ -76,17 +79,13 @@ class Template(Generator):
         check_choice("motion", motion, MOTIONS)
         check_choice("light", light, (False, True))
         check_count("oversampling", oversampling, 1, 16)
-        if isinstance(fill, Tensor):
-            check_shape("fill", fill, tuple(picture.shape))
-        else:
-            check_range("fill", fill)
+        check_range("fill", fill)
         mask = torch.ones_like(picture[:1]) if mask is None else mask
         check_shape("mask", mask, tuple(picture[:1].shape))
-        self.motion, self.oversampling, self.size = motion, oversampling, picture.shape[-2:]
+        self.motion, self.fill, self.oversampling, self.size = motion, fill, oversampling, picture.shape[-2:]
         self.variables = {**MOTIONS[motion], **(LIGHT if light else {})}
         picture, mask = _finer(picture.detach(), mask.detach(), oversampling)
         self.register_buffer("pixels", torch.cat([picture * mask, mask])[None])
-        self.register_buffer("fill", torch.as_tensor(fill, dtype=picture.dtype, device=picture.device).detach())
 
     def forward(self, **values: Tensor) -> Rendering:
         matrix = self.matrix(**{name: value for name, value in values.items() if name not in LIGHT})
@@ -95,10 +94,13 @@ class Template(Generator):
         with torch.autocast(pixels.device.type, enabled=False):
             from_finer = matrix * matrix.new_tensor([1 / self.oversampling, 1 / self.oversampling, 1.0])
             warped = warp_perspective(pixels, from_finer, self.size, align_corners=True)
-        image, mask = warped[:, :-1], warped[:, -1:]
+        cover = warped[:, -1:]
+        covered = cover > LEAST_COVER
+        image = warped[:, :-1] / torch.where(covered, cover, 1)
         if "gain" in values:
-            image = values["gain"].view(-1, 1, 1, 1) * image + values["bias"].view(-1, 1, 1, 1) * mask
-        return Rendering(image=image + (1 - mask) * self.fill, mask=mask)
+            image = values["gain"].view(-1, 1, 1, 1) * image + values["bias"].view(-1, 1, 1, 1)
+        mask = torch.where(covered, cover, 0)
+        return Rendering(image=torch.where(covered, image, self.fill), mask=mask, weight=mask)
 
     def matrix(self, **values: Tensor) -> Tensor:
         """Where pixels go: (N, 3, 3), from the template's pixels to the drawing's, centres at whole numbers.

@@ -96,12 +96,12 @@ class _Drawing(nn.Module):
 
     def forward(self, *values: Tensor) -> tuple[Tensor, ...]:
         drawn = self.generator(**dict(zip(self.generator.variables, values, strict=True)))
-        return tuple(field for field in (drawn.image, drawn.mask, drawn.depth) if field is not None)
+        return tuple(field for field in (drawn.image, drawn.mask, drawn.depth, drawn.weight) if field is not None)
 
     def fields_of(self, *values: Tensor) -> list[str]:
         with torch.no_grad():
             drawn = self.generator(**dict(zip(self.generator.variables, values, strict=True)))
-        return [name for name in ("image", "mask", "depth") if getattr(drawn, name) is not None]
+        return [name for name in ("image", "mask", "depth", "weight") if getattr(drawn, name) is not None]
 
 
 class _Layers(nn.Module):

@@ -65,7 +65,7 @@ class AutoAdam(Optimizer):
             signs = normal(seeds + number, tensor.shape[1:], tensor).sign()
             moved = evaluate.retract({name: tensor}, {name: length * signs})
             after = _picture(evaluate({**raw, **moved}, problem).rendering)
-            sensitivity = (after - before).flatten(1).square().mean(1).sqrt() / length
+            sensitivity = (after - before).reshape(len(problem), -1).square().mean(1).sqrt() / length
             rates[name] = self.change / sensitivity.to(tensor).clamp_min(self.change)
         return rates
 

@@ -10,6 +10,7 @@ from torch.utils import _pytree as pytree
 
 from kfit.core import Evaluate, Evaluation, Optimizer, Variables
 from kfit.core.check import check_dict, check_names, check_range
+from kfit.core.rows import pictures_of
 from kfit.optimizers.flat import flatten, repeated, unflatten
 
 
@@ -67,5 +68,8 @@ def _at(seen: Evaluation, rows: Tensor) -> Evaluation:
     """The evaluation of some rows."""
     parts = {name: part for name, part in vars(seen).items() if name != "rendering"}
     taken = pytree.tree_map_only(Tensor, lambda tensor: tensor[rows], parts)
-    drawn = None if seen.rendering is None else seen.rendering.map(lambda tensor: tensor[rows])
+    drawn = seen.rendering
+    if drawn is not None:
+        pictures = pictures_of(rows, len(drawn.image) // len(seen.energy))
+        drawn = drawn.map(lambda tensor: tensor[pictures])
     return Evaluation(**taken, rendering=drawn)

@@ -250,6 +250,30 @@ class TestAnEnergy:
         gradient = torch.autograd.grad(energy(x, y, weights(energy)).sum(), x)[0]
         assert gradient[hidden.expand_as(x)].abs().max() == 0
 
+    @pytest.mark.parametrize("value", [torch.nan, torch.inf])
+    def test_never_counts_what_is_not_a_number_where_the_weight_is_zero(self, build, value):
+        energy = build().double()
+        pair, weight = pictures(energy), weights(energy)
+        expected = energy(*pair, weight)
+        spoiled = [torch.where(weight == 0, value, picture).requires_grad_() for picture in pair]
+        for x, y in (spoiled, (spoiled[0], pair[1]), (pair[0], spoiled[1])):
+            found = energy(x, y, weight)
+            torch.testing.assert_close(found, expected)
+        prediction, target = torch.autograd.grad(energy(*spoiled, weight).sum(), spoiled)
+        assert prediction.isfinite().all()
+        assert target.isfinite().all()
+
+    def test_passes_gradcheck_for_a_weight_that_is_drawn(self, build):
+        energy = build().double()
+        x, y = pictures(energy)
+        hidden = weights(energy) == 0
+
+        def compared(weight):
+            return energy(x, y, torch.where(hidden, 0, weight))
+
+        weight = weights(energy).clamp_min(0.1).requires_grad_()
+        assert torch.autograd.gradcheck(compared, weight, fast_mode=True)
+
     def test_with_all_weights_zero_is_zero_and_not_nan(self, build):
         energy = build().double()
         x, y = pictures(energy)

@@ -128,7 +128,7 @@ def test_another_file_gets_one_sentence(tmp_path):
         with pytest.raises(ValueError, match=f"{path.name} is no generator that `kfit export` wrote") as raised:
             OnnxGenerator(path)
         assert "\n" not in str(raised.value)
-    with pytest.raises(ValueError, match="must draw image, mask, depth, image first; it draws color, mask"):
+    with pytest.raises(ValueError, match="must draw image, mask, depth, weight, image first; it draws color, mask"):
         OnnxGenerator(write(tmp_path / "other.onnx", outputs=("color", "mask")))
 
 
