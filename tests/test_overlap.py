@@ -100,7 +100,11 @@ def test_the_gradient_is_that_of_the_energy_with_its_changing_overlap():
     observation = Observation(picture(16).double()[None].flip(2), weight=torch.rand(1, 1, 16, 16).double())
     objective = Judge(template, {"l2": L2()}, {"l2": 1.0}, observation, 0.6)
     objective.weights = {"l2": 2.0}
-    raw = {"roll": torch.tensor([0.1, 0.2]), "shift": torch.tensor([[0.21, -0.13], [0.7, 0.4]]), "scale": torch.zeros(2)}
+    raw = {
+        "roll": torch.tensor([0.1, 0.2]),
+        "shift": torch.tensor([[0.21, -0.13], [0.7, 0.4]]),
+        "scale": torch.zeros(2),
+    }
     raw = {name: value.double() for name, value in raw.items()}
     problem, step = torch.zeros(2, dtype=torch.long), 1e-6
     slope = objective(raw, problem, "gradient").gradient["shift"][:, 0]
