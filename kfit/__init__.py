@@ -9,13 +9,24 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from kfit.models import load
     from kfit.pipeline import FitPipeline
+    from kfit.registration import register
     from kfit.reports.html_page import report
 
 __version__ = version("kfit")
-__all__ = ["FitPipeline", "__version__", "load", "report"]
+__all__ = ["FitPipeline", "__version__", "load", "register", "report"]
 
 # Imported when first asked for: `import kfit` costs nothing, and no part is loaded that is not used.
-_HOMES = {"FitPipeline": "kfit.pipeline", "load": "kfit.models", "report": "kfit.reports.html_page"}
+_HOMES = {
+    "FitPipeline": "kfit.pipeline",
+    "load": "kfit.models",
+    "register": "kfit.registration",
+    "report": "kfit.reports.html_page",
+}
+    "FitPipeline": "kfit.pipeline",
+    "load": "kfit.models",
+    "register": "kfit.registration",
+    "report": "kfit.reports.html_page",
+}
 
 
 def __getattr__(name: str) -> Any:

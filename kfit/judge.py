@@ -246,7 +246,7 @@ class Judge:
 
 
 class _Rows(NamedTuple):
-    """What belongs to the problems of some rows: their pictures' numbers, targets' features, the generator's context."""
+    """What belongs to the problems of some rows: numbers of pictures, features of targets, the context."""
 
     problem: Tensor
     picture: Tensor

@@ -14,6 +14,7 @@ from kfit.energies.pose_prior import PosePrior
 from kfit.energies.pyramid import Pyramid, ResidualPyramid
 from kfit.energies.robust import Cauchy, Charbonnier, GemanMcClure, Huber, Welsch
 from kfit.energies.silhouette import Silhouette, SoftIoU
+from kfit.energies.smoothness import BendingEnergy, TotalVariation
 from kfit.energies.ssim import SSIM
 
 __all__ = [
@@ -23,6 +24,7 @@ __all__ = [
     "MSSSIM",
     "NCC",
     "SSIM",
+    "BendingEnergy",
     "Cauchy",
     "Charbonnier",
     "CodePrior",
@@ -38,5 +40,6 @@ __all__ = [
     "ResidualPyramid",
     "Silhouette",
     "SoftIoU",
+    "TotalVariation",
     "Welsch",
 ]

@@ -4,6 +4,7 @@ from kfit.generators.encoder import ConvEncoder
 from kfit.generators.extents import ExtentsHead
 from kfit.generators.feature_encoder import FeatureEncoder
 from kfit.generators.mesh import MeshRenderer
+from kfit.generators.mesh_in_camera import MeshInCamera
 from kfit.generators.metric_depth import MetricDepth
 from kfit.generators.onnx_generator import OnnxGenerator
 from kfit.generators.pose_head import PoseHead
@@ -19,6 +20,7 @@ __all__ = [
     "ConvEncoder",
     "ExtentsHead",
     "FeatureEncoder",
+    "MeshInCamera",
     "MeshRenderer",
     "MetricDepth",
     "OnnxGenerator",

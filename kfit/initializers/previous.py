@@ -8,6 +8,7 @@ import torch
 
 from kfit.core import FitResult, Initializer, Observation, Variable, Variables
 from kfit.core.check import check_choice, check_dict, check_list, check_names, check_range
+from kfit.initializers.constant import scattered
 
 
 class Previous(Initializer):
@@ -52,10 +53,5 @@ class Previous(Initializer):
             if len(value) != observation.num_problems:
                 count = observation.num_problems
                 raise ValueError(f"Previous: the result holds {len(value)} problems, the observation {count}")
-            space, shape = variables[name].space, variables[name].raw_shape
-            noise = torch.stack([torch.randn(num_starts, *shape, generator=rng) for rng in rngs]).to(value)
-            noise[:, 0] = 0
-            answers = space.to_raw(value).repeat_interleave(num_starts, 0)
-            raw = space.retract(answers, self.spread.get(name, 0.0) * noise.flatten(0, 1))
-            started[name] = space.to_value(raw)
+            started[name] = scattered(value, variables[name], self.spread.get(name, 0.0), num_starts, rngs)
         return started

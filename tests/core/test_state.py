@@ -57,7 +57,7 @@ def test_pictures_in_whole_numbers_are_refused_by_name(name):
 
 
 def test_keys_must_be_one_a_picture():
-    with pytest.raises(ValueError, match=r"^keys .* 2 pictures, got 3"):
+    with pytest.raises(ValueError, match=r"^keys .* 2 problems, got 3"):
         Observation(GOOD["image"], keys=(1, 2, 3))
 
 
