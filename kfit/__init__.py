@@ -22,11 +22,6 @@ _HOMES = {
     "register": "kfit.registration",
     "report": "kfit.reports.html_page",
 }
-    "FitPipeline": "kfit.pipeline",
-    "load": "kfit.models",
-    "register": "kfit.registration",
-    "report": "kfit.reports.html_page",
-}
 
 
 def __getattr__(name: str) -> Any:

@@ -112,14 +112,20 @@ class Judge:
                 parts.append((list(steps.values()), torch.cat(drawn.residuals, 1)))
         return JacobianProducts(parts)
 
+    def energy_of(self, raw: Variables, problem: Tensor) -> Tensor:
+        """Descended energies (N,) of rows drawn at once, with the graph of ``raw`` and of the observation."""
+        return self._descended(self._draw(raw, self._gather(problem), "value"))
+
+    def _descended(self, drawn: _Drawn) -> Tensor:
+        energy = torch.stack([self.weights[name] * term for name, term in drawn.terms.items()]).sum(0)
+        return energy if drawn.missing is None else energy + drawn.missing.square()
+
     def _evaluate(self, raw: Variables, rows: _Rows, need: Need) -> Evaluation:
         wants = need == "gradient"
         with torch.set_grad_enabled(wants):
             steps = {name: torch.zeros_like(tensor, requires_grad=wants) for name, tensor in raw.items()}
             drawn = self._draw(self.retract(raw, steps) if wants else raw, rows, need)
-            energy = torch.stack([self.weights[name] * term for name, term in drawn.terms.items()]).sum(0)
-            if drawn.missing is not None:
-                energy = energy + drawn.missing.square()
+            energy = self._descended(drawn)
             gradient = self._gradient(energy, steps) if wants else None
         ranked = [self.rank_weights.get(name, 0.0) * term.detach() for name, term in drawn.terms.items()]
         ranking = torch.stack(ranked).sum(0)

@@ -121,7 +121,7 @@ class FitPipeline(nn.Module):
         self.history = int(history)
         self.num_candidates = num_starts if num_candidates is None else num_candidates
         self._check_initializers(generator)
-        if not any((rank_weights or self._weights_at(num_steps)).values()):
+        if not any((rank_weights or self.weights_at(num_steps)).values()):
             raise ValueError("rank_weights must hold a number other than 0, or no start is better than another")
         # Initializers are no modules: what networks they hold are registered, so that `to` moves these too.
         held = [value for initializer in self.initializers for value in vars(initializer).values()]
@@ -158,7 +158,8 @@ class FitPipeline(nn.Module):
         """Where its networks compute."""
         return next(chain(self.parameters(), self.buffers(), [torch.empty(0)])).device
 
-    def _weights_at(self, step: int) -> dict[str, float]:
+    def weights_at(self, step: int) -> dict[str, float]:
+        """Weights of the terms at a step, 0 to ``num_steps``."""
         return {k: w(step, self.num_steps) if isinstance(w, Schedule) else w for k, w in self.weights.items()}
 
     def forward(self, observation: Observation, *, seed: int | None = None) -> FitResult:
@@ -187,7 +188,7 @@ class FitPipeline(nn.Module):
         problem = torch.arange(count, device=device).repeat_interleave(self.num_starts)
         start = torch.arange(self.num_starts, device=device).repeat(count)
         terms: dict[str, Energy | Prior] = dict(self.energies.items())  # type: ignore[arg-type]
-        rank_weights = self.rank_weights or self._weights_at(self.num_steps)
+        rank_weights = self.rank_weights or self.weights_at(self.num_steps)
         judge = Judge(self.generator, terms, rank_weights, observation, self.min_overlap)
         with torch.autocast(device.type, enabled=False):  # it would round the starts
             proposed = propose(
@@ -201,7 +202,7 @@ class FitPipeline(nn.Module):
             callback.on_start(state)
         recorder = Recorder(count, self.num_starts, self.history)
         for step in range(self.num_steps + 1):
-            judge.weights = self._weights_at(step)
+            judge.weights = self.weights_at(step)
             if step < self.num_steps:
                 new, seen, memory = self.optimizer.step(judge, state.raw, state.problem, state.optimizer)
             else:  # the last iterate is only looked at
@@ -225,7 +226,7 @@ class FitPipeline(nn.Module):
             return raw
         rows = len(next(iter(raw.values())))
         problem = torch.arange(rows, device=next(iter(raw.values())).device) // self.num_candidates
-        judge.weights = self._weights_at(0)
+        judge.weights = self.weights_at(0)
         # Values that are no numbers may still draw a picture.
         ranking = judge(raw, problem).ranking
         order, place = best_first(ranking.where(finite(raw), torch.inf), problem)
