@@ -9,14 +9,14 @@ import sys
 from pathlib import Path
 
 import kfit
+from kfit.bench.held_out_views import held_out_views, rotation_errors
 from kfit.callbacks import Pruning
 from kfit.energies import SSIM, CodePrior, Perceptual, Silhouette
 from kfit.features import EfficientNetLite0
 from kfit.generators import SimilarityWarp
 from kfit.initializers import Constant, EncoderPosterior, SphereGrid
-from kfit.models.accuracy import rotation_errors, unseen_views
-from kfit.models.usual_fit import RATES
 from kfit.optimizers import Adam
+from kfit.pose.defaults import RATES
 from kfit.reports.picture_table import picture_table
 
 model = kfit.load("laptop")
@@ -43,7 +43,7 @@ pipeline = kfit.FitPipeline(
 )
 
 # Three procedural laptops of shapes and textures that were held out of training, fitted at once.
-views = unseen_views(model, num_views=3)
+views = held_out_views(model, num_views=3)
 errors, (result,) = rotation_errors(model, views, pipeline)
 print(f"rotations are off by {', '.join(f'{error:.1f}°' for error in errors.tolist())}")
 

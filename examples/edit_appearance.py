@@ -13,8 +13,8 @@ from pathlib import Path
 import torch
 
 import kfit
+from kfit.bench.held_out_views import views_of
 from kfit.data import build
-from kfit.models.accuracy import views_of
 from kfit.reports.picture_table import picture_table
 
 # Three procedural mugs of kinds that the model has never seen; each is inverted to its code and its pose.

@@ -18,7 +18,7 @@ from skimage.io import imread, imsave
 from skimage.util import img_as_ubyte, montage
 
 import kfit
-from kfit.models.accuracy import unseen_views
+from kfit.bench.held_out_views import held_out_views
 from kfit.reports import draw_overlay
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "kfit_out")
@@ -27,7 +27,7 @@ photos, poses = folder / "photos", folder / "poses"
 # Six procedural mugs that the model has never seen stand for photos; each has its mask beside it. The files tell the
 # lens as a camera's do, by EXIF tag 0xA405: the focal length, were the sensor as large as film.
 photos.mkdir(parents=True, exist_ok=True)
-views = unseen_views(kfit.load("mug"), num_views=6, seed=6)
+views = held_out_views(kfit.load("mug"), num_views=6, seed=6)
 lens = Image.Exif()
 lens[0xA405] = round(float(views.intrinsics[0, 0]) * math.hypot(36, 24) / math.hypot(*views.masks[0].shape))
 for number, (photo, mask) in enumerate(zip(views.photos, views.masks, strict=True)):
@@ -36,7 +36,7 @@ for number, (photo, mask) in enumerate(zip(views.photos, views.masks, strict=Tru
 
 # A process computes with one thread, so on a CPU one starts one a core.
 recipe = Path(__file__).parents[1] / "recipes" / "fit_dataset.yaml"
-words = f"--data kfit.models.photo_folder.PhotoFolder --data.category mug --data.root {photos} --model.out {poses} "
+words = f"--data kfit.batch.photo_folder.PhotoFolder --data.category mug --data.root {photos} --model.out {poses} "
 words += "--trainer.accelerator cpu --trainer.strategy ddp --trainer.devices 2"
 subprocess.run([sys.executable, "-m", "kfit", "predict", "-c", recipe, *words.split()], check=True)
 

@@ -7,8 +7,8 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from kfit.fitting.pipeline import FitPipeline
     from kfit.models import load
-    from kfit.pipeline import FitPipeline
     from kfit.registration import register
     from kfit.reports.html_page import report
 
@@ -17,7 +17,7 @@ __all__ = ["FitPipeline", "__version__", "load", "register", "report"]
 
 # Imported when first asked for: `import kfit` costs nothing, and no part is loaded that is not used.
 _HOMES = {
-    "FitPipeline": "kfit.pipeline",
+    "FitPipeline": "kfit.fitting.pipeline",
     "load": "kfit.models",
     "register": "kfit.registration",
     "report": "kfit.reports.html_page",

@@ -6,8 +6,8 @@ import torch
 from torch import Tensor
 
 from kfit.core import Energy, FitResult, Observation, Prior, Variables
-from kfit.judge import Judge
-from kfit.pipeline import FitPipeline
+from kfit.fitting.objective import Objective
+from kfit.fitting.pipeline import FitPipeline
 
 # Unknowns of a problem: the curvature takes a pass backwards for each.
 MAX_UNKNOWNS = 256
@@ -63,11 +63,11 @@ def differentiable_answer(pipeline: FitPipeline, observation: Observation, resul
     terms: dict[str, Energy | Prior] = dict(pipeline.energies.items())  # type: ignore[arg-type]
     weights = pipeline.weights_at(pipeline.num_steps)
     with torch.enable_grad():
-        judge = Judge(pipeline.generator, terms, weights, observation, pipeline.min_overlap)
-        judge.weights = weights
+        objective = Objective(pipeline.generator, terms, weights, observation, pipeline.min_overlap)
+        objective.weights = weights
         problem = torch.arange(observation.num_problems, device=observation.image.device)
         steps = [torch.zeros_like(tensor, requires_grad=True) for tensor in raw.values()]
-        energy = judge.energy_of(judge.retract(raw, dict(zip(raw, steps, strict=True))), problem)
+        energy = objective.energy_of(objective.retract(raw, dict(zip(raw, steps, strict=True))), problem)
         slopes = torch.autograd.grad(energy.sum(), steps, create_graph=True, materialize_grads=True)
         slope = torch.cat([part.flatten(1) for part in slopes], 1)
         curvature = _curvature(slope, steps)
@@ -75,7 +75,7 @@ def differentiable_answer(pipeline: FitPipeline, observation: Observation, resul
         newton = -torch.linalg.solve_ex(curvature, slope[..., None])[0][..., 0]
         sizes = [tensor[0].numel() for tensor in raw.values()]
         parts = {name: part.reshape(raw[name].shape) for name, part in zip(raw, newton.split(sizes, 1), strict=True)}
-        moved = judge.retract(raw, parts)
+        moved = objective.retract(raw, parts)
         return {name: variables[name].space.to_value(tensor) for name, tensor in moved.items()}
 
 

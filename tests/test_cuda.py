@@ -8,12 +8,12 @@ import pytest
 import torch
 
 import kfit
+from kfit.bench.held_out_views import held_out_views
 from kfit.core import Observation
 from kfit.data import view_pairs
-from kfit.devices import precision
 from kfit.geometry import rotation_error
 from kfit.geometry.pose import rotation_of
-from kfit.models.accuracy import unseen_views
+from kfit.runtime.devices import precision
 
 pytestmark = pytest.mark.skipif(not torch.cuda.is_available(), reason="there is no GPU")
 
@@ -21,7 +21,7 @@ pytestmark = pytest.mark.skipif(not torch.cuda.is_available(), reason="there is 
 @pytest.mark.parametrize(("how", "within_deg"), [("32", 1.0), ("bf16", 3.0)])
 def test_a_gpu_finds_the_poses_that_a_cpu_finds(how, within_deg):
     model = kfit.load("laptop")
-    seen = unseen_views(model, 6).observation
+    seen = held_out_views(model, 6).observation
     seen = Observation(seen.image, seen.mask, keys=tuple(range(6)))
     here = model.pipeline()(seen, seed=0)
     model.to("cuda")
@@ -34,7 +34,7 @@ def test_a_gpu_finds_the_poses_that_a_cpu_finds(how, within_deg):
 
 def test_a_photo_is_answered_on_a_gpu_as_on_a_cpu():
     model = kfit.load("laptop")
-    views = unseen_views(model, 1)
+    views = held_out_views(model, 1)
     here = model.pose(views.photos[0], mask=views.masks[0])
     there = model.to("cuda").pose(views.photos[0], mask=views.masks[0])
     assert abs(here.rotation - there.rotation).max() < 0.05
@@ -43,7 +43,7 @@ def test_a_photo_is_answered_on_a_gpu_as_on_a_cpu():
 
 @pytest.mark.parametrize("recipe", ["radiance_field", "pose_head", "vae3d"])
 def test_a_recipe_trains_with_its_views_on_the_gpu(recipe, tmp_path, monkeypatch):
-    from kfit.cli import lightning
+    from kfit.training import lightning_cli as lightning
 
     where = set()
     original = view_pairs.ViewPairs.__getitems__

@@ -8,9 +8,9 @@ import torch
 from kfit import FitPipeline
 from kfit.core import Generator, Observation, Rendering, Variable
 from kfit.energies import L1, L2, NCC, SSIM, Gradient, LocalNCC, MutualInformation, Pyramid, Welsch
+from kfit.fitting.objective import Objective
 from kfit.generators import SimilarityWarp, Template
 from kfit.initializers import Constant, Uniform
-from kfit.judge import Judge
 from kfit.optimizers import LBFGS, Adam, LevenbergMarquardt
 
 ENERGIES = [L1(), L2(), Welsch(), SSIM(7), NCC(), LocalNCC(5), MutualInformation(16), Gradient(), Pyramid(L1(), 2)]
@@ -28,7 +28,7 @@ def rows(*values):
 
 def evaluate(energy, observation, values, min_overlap=0.25, need="value"):
     template = Template(picture(), "similarity")
-    objective = Judge(template, {"look": energy}, {"look": 1.0}, observation, min_overlap)
+    objective = Objective(template, {"look": energy}, {"look": 1.0}, observation, min_overlap)
     objective.weights = {"look": 1.0}
     raw = {name: template.variables[name].space.to_raw(value) for name, value in values.items()}
     return objective(raw, torch.zeros(len(raw["roll"]), dtype=torch.long), need)
@@ -98,7 +98,7 @@ def test_residuals_square_to_the_energy_with_its_penalty(need):
 def test_the_gradient_is_that_of_the_energy_with_its_changing_overlap():
     template = Template(picture(16).double(), "similarity")
     observation = Observation(picture(16).double()[None].flip(2), weight=torch.rand(1, 1, 16, 16).double())
-    objective = Judge(template, {"l2": L2()}, {"l2": 1.0}, observation, 0.6)
+    objective = Objective(template, {"l2": L2()}, {"l2": 1.0}, observation, 0.6)
     objective.weights = {"l2": 2.0}
     raw = {
         "roll": torch.tensor([0.1, 0.2]),
@@ -146,7 +146,7 @@ def test_a_generator_without_a_weight_is_compared_everywhere():
         def forward(self, **values):
             return Rendering(values["grey"].view(-1, 1, 1, 1).expand(-1, 3, 8, 8))
 
-    objective = Judge(Plain(), {"l2": L2()}, {"l2": 1.0}, Observation(torch.ones(1, 3, 8, 8)), 1.0)
+    objective = Objective(Plain(), {"l2": L2()}, {"l2": 1.0}, Observation(torch.ones(1, 3, 8, 8)), 1.0)
     objective.weights = {"l2": 1.0}
     seen = objective({"grey": torch.tensor([0.5])}, torch.zeros(1, dtype=torch.long), "residuals")
     assert seen.residuals.shape == (1, 192)

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from kfit.app.uploads import checked, read_upload
 from kfit.app.watched import Drawn, watched
-from kfit.core.whole_files import write_whole
-from kfit.models import CategoryModel, PoseResult, load
+from kfit.models import load
+from kfit.pose import CategoryModel, PoseResult
+from kfit.runtime.atomic_write import atomic_write
 from kfit.segmentation import Photo, mask_from_alpha, mask_from_box, mask_from_file
 
 EXAMPLE_MASK = Path(__file__).parent / "coffee_mask.png"
@@ -120,7 +121,7 @@ class Session:
         self._seen()
         from kfit import report
 
-        page, numbers = write_whole(
+        page, numbers = atomic_write(
             self.folder,
             {
                 "report.html": lambda path: report(result, path, command=self.command(result.category)),

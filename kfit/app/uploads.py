@@ -8,7 +8,7 @@ from typing import TypeVar
 
 from PIL import Image, UnidentifiedImageError
 
-from kfit.core.quiet import quiet
+from kfit.runtime.ignored_warnings import ignore_warnings
 from kfit.segmentation import Photo, read_photo
 
 LARGEST_FILE = 20 * 2**20
@@ -48,7 +48,7 @@ def _measure(path: Path) -> None:
         raise ValueError(f"{path} has {size / 2**20:.1f} MB; the page takes pictures of at most {LARGEST_FILE >> 20}")
     try:
         # reads the head alone, without Pillow's own warning of large pictures
-        with quiet(), Image.open(path, formats=list(KINDS)) as picture:
+        with ignore_warnings(), Image.open(path, formats=list(KINDS)) as picture:
             width, height = picture.size
     except UnidentifiedImageError as error:
         raise ValueError(f"{path} is no JPEG, PNG or WebP picture, which the page takes") from error

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from kfit.app.watched import Drawn
-from kfit.models import PoseResult
+from kfit.pose import PoseResult
 from kfit.reports import describe, draw_overlay
 
 # Of the longer side, in pixels.

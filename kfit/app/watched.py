@@ -12,8 +12,8 @@ import torch
 from numpy.typing import NDArray
 
 from kfit.core import Callback, FitState, Generator
-from kfit.models import CategoryModel, PoseResult
-from kfit.models.sighting import Sighting
+from kfit.pose import CategoryModel, PoseResult
+from kfit.pose.observed_object import ObservedObject
 from kfit.segmentation import Photo
 
 
@@ -82,11 +82,11 @@ def watched(model: CategoryModel, photo: Photo, mask: NDArray[np.float32] | None
         mask: (H, W), above 0 on the object; None where the photo's alpha channel tells.
 
     Raises:
-        ValueError, FitError: as `kfit.models.CategoryModel.pose`.
+        ValueError, FitError: as `kfit.pose.CategoryModel.pose`.
     """
     told: SimpleQueue[Drawn | PoseResult | BaseException] = SimpleQueue()
     left = Event()
-    sighting = Sighting.of(photo, model.card.category, model.image_size, mask)
+    sighting = ObservedObject.of(photo, model.card.category, model.image_size, mask)
     seen = sighting.observation.image[0].movedim(0, -1).numpy()
     pipeline = model.pipeline()
     pipeline.callbacks.append(Watching(pipeline.generator, seen, told.put, left))  # type: ignore[arg-type]

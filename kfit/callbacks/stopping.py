@@ -41,4 +41,4 @@ class Stopping(Callback):
         fallen = (least < before - self.tolerance * before.abs()) | before.isinf() | (least > before)
         since = torch.where(fallen, 0.0, since + 1)
         state.notes = {**state.notes, BEST: torch.where(fallen, least, before), SINCE: since}
-        return state.rest(since >= self.patience)
+        return state.freeze(since >= self.patience)

@@ -28,8 +28,8 @@ def parser() -> ArgumentParser:
     return parser
 
 
-def run(said: Namespace) -> None:
+def run(args: Namespace) -> None:
     """Serve the page until Ctrl-C."""
     from kfit.app.serve import serve
 
-    serve(said.host, said.port)
+    serve(args.host, args.port)

@@ -34,7 +34,7 @@ example:
     return parser
 
 
-def run(said: Namespace) -> None:
+def run(args: Namespace) -> None:
     """Print the script."""
     from kfit.cli import main
 
@@ -42,7 +42,7 @@ def run(said: Namespace) -> None:
     for part in main.tree(whole):
         for action in part._actions:
             _complete_words(action)
-    print(whole.get_completion_script(f"shtab-{said.shell}"))
+    print(whole.get_completion_script(f"shtab-{args.shell}"))
 
 
 def _complete_words(action: argparse.Action) -> None:

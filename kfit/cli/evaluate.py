@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from jsonargparse import ArgumentParser, Namespace
 
-from kfit.cli.session import log, progress, table_console
+from kfit.runtime.console import log, progress, table_console
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -59,9 +59,9 @@ def parser() -> ArgumentParser:
     return parser
 
 
-def run(said: Namespace) -> None:
+def run(args: Namespace) -> None:
     """Score, print, and write the files."""
-    if said.scale_agnostic and said.poses != "pred_RTs":
+    if args.scale_agnostic and args.poses != "pred_RTs":
         raise ValueError("--scale-agnostic needs sizes that belong to the poses: leave --poses out")
 
     from kfit.data.nocs_results import read_results
@@ -69,19 +69,19 @@ def run(said: Namespace) -> None:
     from kfit.metrics.nocs_protocol import SHIFTS_CM
     from kfit.reports.precision_tables import COLUMNS, SCALE_AGNOSTIC_COLUMNS, table_of
 
-    methods = _methods(said.predictions)
+    methods = _methods(args.predictions)
     scores = {}
-    shifts: Sequence[float] = range(0, 101, 2) if said.scale_agnostic else SHIFTS_CM
+    shifts: Sequence[float] = range(0, 101, 2) if args.scale_agnostic else SHIFTS_CM
     with progress() as bar:
         for name, files in methods.items():
             results: Iterable[Mapping[str, Any]] = read_results(bar.track(files, description=name))
-            if said.scale_agnostic:
+            if args.scale_agnostic:
                 results = map(scale_agnostic, results)
-            scores[name] = evaluate_nocs(results, shifts=shifts, iou=said.iou, poses=said.poses)
-    columns = SCALE_AGNOSTIC_COLUMNS if said.scale_agnostic else COLUMNS
+            scores[name] = evaluate_nocs(results, shifts=shifts, iou=args.iou, poses=args.poses)
+    columns = SCALE_AGNOSTIC_COLUMNS if args.scale_agnostic else COLUMNS
     tables = {name: table_of(score, columns) for name, score in scores.items()}
-    settings = {"iou": said.iou, "poses": said.poses, "scale_agnostic": said.scale_agnostic}
-    for path in _write(Path(said.out), scores, tables, settings):
+    settings = {"iou": args.iou, "poses": args.poses, "scale_agnostic": args.scale_agnostic}
+    for path in _write(Path(args.out), scores, tables, settings):
         log.info("wrote %s", path)
     for name, score in scores.items():
         table_console(120).print(_shown(name, tables[name]))
@@ -137,9 +137,9 @@ def _write(
     folder: Path, scores: dict[str, NOCSScores], tables: dict[str, PrecisionTable], settings: dict[str, Any]
 ) -> list[Path]:
     """Write tables and curves, all of them or none."""
-    from kfit.core.whole_files import write_whole
     from kfit.reports import precision_tables
     from kfit.reports.precision_curves import curves_by_category, curves_by_method
+    from kfit.runtime.atomic_write import atomic_write
 
     shift = "translation error [% of the diagonal]" if settings["scale_agnostic"] else "translation error [cm]"
     figures = {"curves.png": curves_by_category(scores, shift)}
@@ -153,4 +153,4 @@ def _write(
     writers: dict[str, Callable[[Path], object]] = {
         name: partial(Path.write_bytes, data=content) for name, content in files.items()
     }
-    return write_whole(folder, writers | {name: partial(drawn.savefig, dpi=150) for name, drawn in figures.items()})
+    return atomic_write(folder, writers | {name: partial(drawn.savefig, dpi=150) for name, drawn in figures.items()})

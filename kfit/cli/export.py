@@ -9,7 +9,7 @@ from pathlib import Path
 
 from jsonargparse import ArgumentParser, Namespace
 
-from kfit.cli.session import log, progress
+from kfit.runtime.console import log, progress
 
 
 def parser() -> ArgumentParser:
@@ -24,14 +24,14 @@ def parser() -> ArgumentParser:
     return parser
 
 
-def run(said: Namespace) -> None:
+def run(args: Namespace) -> None:
     """Write the files and name them."""
     from kfit.models import load
     from kfit.models.export import export_model
 
-    model = load(said.model)
+    model = load(args.model)
     with progress() as bar:
         task = bar.add_task("exporting", total=3)
-        paths = export_model(model, Path(said.out), lambda done: bar.update(task, completed=done))
+        paths = export_model(model, Path(args.out), lambda done: bar.update(task, completed=done))
     for path in paths:
         log.info("wrote %s", path)

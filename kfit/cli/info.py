@@ -11,8 +11,8 @@ from typing import Any
 
 from jsonargparse import ArgumentParser, Namespace
 
-from kfit.cli.accuracy_page import Section, processor
-from kfit.cli.bench_page import show
+from kfit.bench.accuracy_page import Section, processor
+from kfit.bench.page import show
 
 PACKAGES = ("torch", "kornia", "opencv-contrib-python-headless", "onnxruntime", "lightning")
 # As cards name them.

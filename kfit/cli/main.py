@@ -9,10 +9,12 @@ from pathlib import Path
 from jsonargparse import ArgumentError, ArgumentParser, Namespace
 
 from kfit import __version__
-from kfit.cli import app, bench, calibrate, completion, evaluate, export, info, pack, pose, video
-from kfit.cli.help_page import HelpPage
-from kfit.cli.session import ENDINGS, add_general_options, session
-from kfit.mistakes import sentence
+from kfit.bench import calibrate
+from kfit.bench import command as bench
+from kfit.cli import app, completion, evaluate, export, info, pack, pose, video
+from kfit.runtime.console import ENDINGS, add_general_options, session
+from kfit.runtime.help_page import HelpPage
+from kfit.runtime.parse_errors import sentence
 
 TRAINING = {
     "fit": "Train networks as a recipe says, by Lightning.",
@@ -68,13 +70,13 @@ def parser() -> ArgumentParser:
     return top
 
 
-def check_numbers(said: Namespace) -> None:
+def check_numbers(arguments: Namespace) -> None:
     """Refuse numbers that are infinite or NaN, which YAML spells .inf and .nan, and counts and seeds out of all range.
 
     Raises:
         ValueError: naming the option.
     """
-    for name, value in said.items():
+    for name, value in arguments.items():
         option = f"--{name.replace('_', '-')}"
         for number in value if isinstance(value, list) else [value]:
             if isinstance(number, float) and not math.isfinite(number):
@@ -85,18 +87,18 @@ def check_numbers(said: Namespace) -> None:
                 raise ValueError(f"{option} must be at most {MOST:,}, got {number:,}")
 
 
-def check_places(said: Namespace) -> None:
+def check_places(arguments: Namespace) -> None:
     """Refuse places to write to that cannot be written to, before any work is done.
 
     Raises:
         ValueError, OSError: naming the option.
     """
     for name in ("out", "runs", "cache", "report", "animation"):
-        if (place := said.get(name)) is None:
+        if (place := arguments.get(name)) is None:
             continue
         if not place:
             raise ValueError(f"--{name} must name a place to write to, got ''")
-        from kfit.core.whole_files import check_folder
+        from kfit.runtime.atomic_write import check_folder
 
         path = Path(place)
         is_file = name in ("report", "animation") or path.suffix == ".safetensors"
@@ -114,21 +116,21 @@ def tree(parser: ArgumentParser) -> Iterator[ArgumentParser]:
 
 
 def main(args: Sequence[str] | None = None) -> None:
-    """Run a command; without one, show the help. `kfit.cli.session.ENDINGS` tells how it ends.
+    """Run a command; without one, show the help. `kfit.runtime.console.ENDINGS` tells how it ends.
 
     Args:
         args: words after the program's name; those of the process unless given.
     """
     with session(args) as words:
         if words and words[0] in TRAINING:
-            from kfit.cli import lightning
+            from kfit.training import lightning_cli as lightning
 
             lightning.run(words)
             return
         if words in ([], ["bench"]):
             words.append("--help")
         try:
-            said = (top := parser()).parse_args(words)
+            arguments = (top := parser()).parse_args(words)
         except ArgumentError as error:
             named = [word for word, known in zip(words, (COMMANDS, bench.BENCHMARKS), strict=False) if word in known]
             told = sentence(str(error))
@@ -137,8 +139,8 @@ def main(args: Sequence[str] | None = None) -> None:
             raise ValueError(
                 f"{f'--{key}{told[len(key) :]}' if option else told}; `{' '.join(['kfit', *named])} --help` tells more"
             ) from None
-        chosen: Namespace = said[said.subcommand]
+        chosen: Namespace = arguments[arguments.subcommand]
         values = chosen[chosen.subcommand] if "subcommand" in chosen else chosen
         check_numbers(values)
         check_places(values)
-        COMMANDS[said.subcommand].run(chosen)
+        COMMANDS[arguments.subcommand].run(chosen)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from jsonargparse import ArgumentParser, Namespace
 
-from kfit.cli.session import log
+from kfit.runtime.console import log
 
 if TYPE_CHECKING:
     from torch import nn
@@ -36,28 +36,29 @@ def parser() -> ArgumentParser:
     return parser
 
 
-def run(said: Namespace) -> None:
+def run(args: Namespace) -> None:
     """Write the two files."""
-    out = Path(said.out)
+    out = Path(args.out)
     if out.suffix != ".safetensors":
-        raise ValueError(f"--out must end in .safetensors, got {said.out}")
-    if said.pose_weight < 0:
-        raise ValueError(f"--pose-weight must be at least 0, got {said.pose_weight}")
+        raise ValueError(f"--out must end in .safetensors, got {args.out}")
+    if args.pose_weight < 0:
+        raise ValueError(f"--pose-weight must be at least 0, got {args.pose_weight}")
     import torch
 
     from kfit import __version__
     from kfit.data.rasterizer import DISTANCE
     from kfit.data.shapes import VERSION
     from kfit.geometry import CATEGORIES
-    from kfit.models import Card, read_checkpoint, write_model
+    from kfit.models import read_checkpoint, write_model
+    from kfit.pose import Card
 
-    networks, saved = read_checkpoint(Path(said.checkpoint))
+    networks, saved = read_checkpoint(Path(args.checkpoint))
     model, data = saved["hyper_parameters"], _told(saved)
     category = CATEGORIES[data["category"]]
     named = {name: model[name] for name in networks}
     also: dict[str, object] = {}
-    if said.pose_head is not None:
-        networks["pose_head"], named["pose_head"], of, trained = _head(Path(said.pose_head))
+    if args.pose_head is not None:
+        networks["pose_head"], named["pose_head"], of, trained = _head(Path(args.pose_head))
         if of != category.name:
             raise ValueError(f"--pose-head is of category {of}, the checkpoint of {category.name}")
         also = {"pose_head": trained}
@@ -70,9 +71,9 @@ def run(said: Namespace) -> None:
         axes=category.axes,
         symmetry=category.symmetry,
         mean_diagonal=category.mean_diagonal,
-        pose_weight=said.pose_weight,
+        pose_weight=args.pose_weight,
         training={
-            "command": said.command or "not told",
+            "command": args.command or "not told",
             "data": data | {"shapes_version": VERSION},
             "steps": int(saved["global_step"]),
             "pairs": int(saved["global_step"]) * int(data["batch_size"]),

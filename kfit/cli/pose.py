@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING
 
 from jsonargparse import ArgumentParser, Namespace
 
-from kfit.cli.object_words import camera_of, check_thing
-from kfit.cli.session import log, see_working_folder
+from kfit.cli.object_arguments import camera_of, check_thing
+from kfit.runtime.console import log, see_working_folder
 
 if TYPE_CHECKING:
-    from kfit.models import PoseResult
+    from kfit.pose import PoseResult
 
 
 def parser() -> ArgumentParser:
@@ -117,79 +117,79 @@ def parser() -> ArgumentParser:
     return parser
 
 
-def run(said: Namespace) -> None:
+def run(args: Namespace) -> None:
     """Answer, write the files, and print."""
-    check_thing(said)
-    if said.mask is not None and (said.box is not None or said.segmenter is not None):
-        other = "--segmenter" if said.box is None else "--box"
+    check_thing(args)
+    if args.mask is not None and (args.box is not None or args.segmenter is not None):
+        other = "--segmenter" if args.box is None else "--box"
         raise ValueError(f"--mask and {other} were both given; the object is told by one of them")
-    if said.fit is not None and said.depth is not None:
+    if args.fit is not None and args.depth is not None:
         raise ValueError("--fit and --depth were both given; a recipe fits colour alone")
-    if said.report is not None and Path(said.report).suffix.lower() not in (".html", ".htm"):
-        raise ValueError(f"--report must name an .html file, got {said.report!r}")
+    if args.report is not None and Path(args.report).suffix.lower() not in (".html", ".htm"):
+        raise ValueError(f"--report must name an .html file, got {args.report!r}")
     from kfit.models import load
     from kfit.segmentation import depth_from_file, mask_from_file, read_photo
 
-    model = load(said.model or said.category)
-    photo = read_photo(said.photo)
-    mask = None if said.mask is None else mask_from_file(said.mask, photo.image.shape[:2])
-    depth = None if said.depth is None else depth_from_file(said.depth, photo.image.shape[:2])
-    camera = camera_of(said)
-    if said.animation is not None:
+    model = load(args.model or args.category)
+    photo = read_photo(args.photo)
+    mask = None if args.mask is None else mask_from_file(args.mask, photo.image.shape[:2])
+    depth = None if args.depth is None else depth_from_file(args.depth, photo.image.shape[:2])
+    camera = camera_of(args)
+    if args.animation is not None:
         from kfit.reports.animation import check_suffix
 
-        check_suffix(said.animation)
+        check_suffix(args.animation)
     from kfit.callbacks import Progress
-    from kfit.devices import device_of, precision
+    from kfit.runtime.devices import device_of, precision
 
-    model.to(device := device_of(said.device))
-    if said.fit is None:
+    model.to(device := device_of(args.device))
+    if args.fit is None:
         pipeline = model.pipeline(depth=depth is not None)
     else:
-        from kfit.models.fit_recipe import fit_of
+        from kfit.pose.fit_recipe import fit_of
 
         see_working_folder()
-        pipeline = fit_of(said.fit, model)
+        pipeline = fit_of(args.fit, model)
     pipeline.callbacks.append(Progress())
-    box = None if said.box is None else tuple(said.box)
-    with precision(said.precision, device):
+    box = None if args.box is None else tuple(args.box)
+    with precision(args.precision, device):
         result = model.pose(
             photo,
             mask=mask,
             box=box,
             intrinsics=camera,
             depth=depth,
-            segmenter=said.segmenter,
-            seed=said.seed,
+            segmenter=args.segmenter,
+            seed=args.seed,
             pipeline=pipeline,
         )
     for note in result.notes:
         log.info("%s", note)
     from kfit.reports import describe
 
-    overlay = write(result, Path(said.out), pages(result, said))
-    print(json.dumps(result.to_dict()) if said.json else f"{describe(result)} · {overlay}")
+    overlay = write(result, Path(args.out), pages(result, args))
+    print(json.dumps(result.to_dict()) if args.json else f"{describe(result)} · {overlay}")
 
 
-def pages(result: PoseResult, said: Namespace) -> dict[str, Callable[[Path], object]]:
+def pages(result: PoseResult, args: Namespace) -> dict[str, Callable[[Path], object]]:
     """What writes the page and the animation that were asked for, by absolute path."""
     writers: dict[str, Callable[[Path], object]] = {}
-    if said.report is not None:
+    if args.report is not None:
         from kfit.reports.html_page import report
 
-        writers[str(Path(said.report).absolute())] = partial(report, result, command=command(said))
-    if said.animation is not None:
+        writers[str(Path(args.report).absolute())] = partial(report, result, command=command(args))
+    if args.animation is not None:
         from kfit.reports.animation import animate
 
-        writers[str(Path(said.animation).absolute())] = partial(animate, result)
+        writers[str(Path(args.animation).absolute())] = partial(animate, result)
     return writers
 
 
-def command(said: Namespace) -> str:
+def command(args: Namespace) -> str:
     """The command line that repeats an answer, with what differs from the defaults."""
     defaults = parser().get_defaults()
-    words = ["kfit", "pose", said.photo]
-    for option, value in said.items():
+    words = ["kfit", "pose", args.photo]
+    for option, value in args.items():
         if option in defaults and option != "photo" and value != defaults[option]:
             words.append(f"--{option}")
             words += (
@@ -203,8 +203,8 @@ def write(result: PoseResult, folder: Path, others: Mapping[str, Callable[[Path]
     import torch
     from skimage.io import imsave
 
-    from kfit.core.whole_files import write_whole
     from kfit.reports import describe, draw_overlay
+    from kfit.runtime.atomic_write import atomic_write
 
     rotation, translation, size, camera = (
         torch.from_numpy(part) for part in (result.rotation, result.translation, result.size, result.intrinsics)
@@ -220,7 +220,7 @@ def write(result: PoseResult, folder: Path, others: Mapping[str, Callable[[Path]
         mask=result.mask,
         caption=describe(result),
     )
-    _, overlay, *_ = write_whole(
+    _, overlay, *_ = atomic_write(
         folder,
         {
             "pose.json": lambda path: path.write_text(json.dumps(result.to_dict(), indent=2) + "\n"),

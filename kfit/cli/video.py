@@ -13,16 +13,17 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 from jsonargparse import ArgumentParser, Namespace
 
-from kfit.cli.object_words import camera_of, check_thing
-from kfit.cli.session import log, progress
+from kfit.cli.object_arguments import camera_of, check_thing
+from kfit.runtime.console import log, progress
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from kfit.models import CategoryModel, Followed, PoseResult
+    from kfit.pose import CategoryModel, PoseResult
     from kfit.reports import VideoFile
     from kfit.segmentation import Frame, Frames
+    from kfit.tracking import TrackedPose
 
 
 def parser() -> ArgumentParser:
@@ -78,21 +79,21 @@ def parser() -> ArgumentParser:
     return parser
 
 
-def run(said: Namespace) -> None:
+def run(args: Namespace) -> None:
     """Follow, write the two files, and print."""
-    check_thing(said)
-    told = [name for name in ("mask", "masks", "box", "segmenter") if said[name] is not None]
+    check_thing(args)
+    told = [name for name in ("mask", "masks", "box", "segmenter") if args[name] is not None]
     if len(told) > 1 and told != ["box", "segmenter"]:
         raise ValueError(f"--{told[0]} and --{told[1]} were both given; the object is told by one of them")
-    from kfit.core.whole_files import write_whole
     from kfit.models import load
+    from kfit.runtime.atomic_write import atomic_write
     from kfit.segmentation import Frames
 
-    frames = Frames.of(said.frames)
-    video = Video(load(said.model or said.category), frames, said)
+    frames = Frames.of(args.frames)
+    video = Video(load(args.model or args.category), frames, args)
     # Both files grow from frame to frame; what writes the first writes the second beside it.
     files = {"overlay.webm": lambda path: video.write(path, path.with_name("poses.json")), "poses.json": lambda _: None}
-    overlay, _ = write_whole(Path(said.out), files)
+    overlay, _ = atomic_write(Path(args.out), files)
     if frames.note:
         log.info("%s", frames.note)
     print(f"{video.described()} · {overlay}")
@@ -104,22 +105,22 @@ class Video:
     Args:
         model: with a pose head.
         frames: in which it is looked for.
-        said: what the user said of it.
+        args: what the user said of it.
 
     Attributes:
         num_frames, num_found, num_anew: that were gone through; in which it was found; and of these found anew, but
             the first.
     """
 
-    def __init__(self, model: CategoryModel, frames: Frames, said: Namespace) -> None:
+    def __init__(self, model: CategoryModel, frames: Frames, args: Namespace) -> None:
         from kfit.segmentation import pictures
 
-        self.model, self.frames, self.said = model, frames, said
+        self.model, self.frames, self.args = model, frames, args
         self.num_frames = self.num_found = self.num_anew = 0
         self.seconds = 0.0
-        self.masks = None if said.masks is None else pictures(Path(said.masks))
-        if self.masks is not None and Path(said.frames).is_dir() and len(self.masks) != frames.count:
-            raise ValueError(f"--masks: {said.masks} holds {len(self.masks)} masks for {frames.count} frames")
+        self.masks = None if args.masks is None else pictures(Path(args.masks))
+        if self.masks is not None and Path(args.frames).is_dir() and len(self.masks) != frames.count:
+            raise ValueError(f"--masks: {args.masks} holds {len(self.masks)} masks for {frames.count} frames")
 
     def write(self, overlay: Path, poses: Path) -> None:
         """Write the video and the poses, frame by frame."""
@@ -137,7 +138,7 @@ class Video:
         ):
             task = bar.add_task("following", total=self.frames.count)
             shown: Future[None] | None = None
-            for frame, answer in self.followed(file):
+            for frame, answer in self.tracked(file):
                 file.write(f"{',' if self.num_frames else ''}\n  {json.dumps(entry(self.num_frames, frame, answer))}")
                 if shown is not None:
                     shown.result()
@@ -151,24 +152,24 @@ class Video:
             file.write("\n]}\n")
         self.seconds = time.perf_counter() - begun
 
-    def followed(self, file: TextIO) -> Iterator[tuple[Frame, Followed]]:
+    def tracked(self, file: TextIO) -> Iterator[tuple[Frame, TrackedPose]]:
         """The frames and what is found in them; what the first tells of all is written before."""
-        from kfit.models import Follower
         from kfit.segmentation import mask_from_alpha
+        from kfit.tracking import Tracker
 
-        follower: Follower | None = None
+        tracker: Tracker | None = None
         for number, frame in enumerate(self.frames):
             mask = self.mask(number, frame)
-            if follower is None:
+            if tracker is None:
                 result = self.first(frame, mask)
                 for note in result.notes:
                     log.info("%s", note)
                 file.write(json.dumps(header(result))[:-1] + ', "frames": [')
-                follower = Follower(self.model, result, self.said.seed)
-                yield frame, follower.last
+                tracker = Tracker(self.model, result, self.args.seed)
+                yield frame, tracker.last
             else:
                 given = mask_from_alpha(frame.photo.alpha) if mask is None else mask
-                yield frame, follower(frame.photo, given)
+                yield frame, tracker(frame.photo, given)
 
     def mask(self, number: int, frame: Frame) -> NDArray[np.float32] | None:
         """What a file says of where the object is in a frame."""
@@ -178,18 +179,18 @@ class Video:
         if self.masks is not None:
             # Clips say but roughly how many frames they have.
             if number >= len(self.masks):
-                held = f"{self.said.masks} holds {number} masks"
-                raise ValueError(f"--masks: {held}, and {self.said.frames} has more frames")
+                held = f"{self.args.masks} holds {number} masks"
+                raise ValueError(f"--masks: {held}, and {self.args.frames} has more frames")
             return mask_from_file(self.masks[number], shape, may_be_empty=number > 0)
-        return mask_from_file(self.said.mask, shape) if self.said.mask is not None and number == 0 else None
+        return mask_from_file(self.args.mask, shape) if self.args.mask is not None and number == 0 else None
 
     def first(self, frame: Frame, mask: NDArray[np.float32] | None) -> PoseResult:
         """The answer to the first frame."""
-        said = self.said
-        box = None if said.box is None else tuple(said.box)
-        return self.model.pose(frame.photo, mask, box, camera_of(said), segmenter=said.segmenter, seed=said.seed)
+        args = self.args
+        box = None if args.box is None else tuple(args.box)
+        return self.model.pose(frame.photo, mask, box, camera_of(args), segmenter=args.segmenter, seed=args.seed)
 
-    def show(self, video: VideoFile, frame: Frame, answer: Followed, number: int) -> None:
+    def show(self, video: VideoFile, frame: Frame, answer: TrackedPose, number: int) -> None:
         """Add a frame to the video."""
         from kfit.reports import draw_frame
 
@@ -211,11 +212,11 @@ class Video:
 
 def header(first: PoseResult) -> dict[str, Any]:
     """What holds for all frames."""
-    said = first.to_dict()
-    return {name: said[name] for name in ("category", "symmetry", "intrinsics", "intrinsics_from", "notes")}
+    args = first.to_dict()
+    return {name: args[name] for name in ("category", "symmetry", "intrinsics", "intrinsics_from", "notes")}
 
 
-def entry(number: int, frame: Frame, answer: Followed) -> dict[str, Any]:
+def entry(number: int, frame: Frame, answer: TrackedPose) -> dict[str, Any]:
     """What ``poses.json`` says of a frame; null where the object was not found."""
     numbers = {name: getattr(answer, name).tolist() for name in ("rotation", "translation", "size")}
     return {

@@ -10,7 +10,6 @@ from kfit.core.contracts import (
     Initializer,
     Linearization,
     Optimizer,
-    PoseNetwork,
     Prior,
     ResidualEnergy,
     ResidualPrior,
@@ -22,6 +21,7 @@ from kfit.core.manifolds import SO3, Simplex, UnitVector
 from kfit.core.result import FitResult, History
 from kfit.core.state import Evaluation, FitState, Observation, Rendering
 from kfit.core.variables import Angle, Bounded, Positive, Real, Space, Variable, Variables
+from kfit.geometry.pose_network import PoseNetwork
 
 __all__ = [
     "SO3",

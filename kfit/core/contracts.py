@@ -72,12 +72,12 @@ class PoseNetwork(nn.Module, ABC):
     Attributes:
         azimuths, elevations: (A,) and (E,) centres of its bins in radians, rising in even steps; A is 1 where the
             object looks the same at all azimuths.
-        spread: standard deviation in radians of what it says around a pose of which it is sure.
+        sigma: standard deviation in radians of what it says around a pose of which it is sure.
     """
 
     azimuths: Tensor
     elevations: Tensor
-    spread: float = math.radians(6)
+    sigma: float = math.radians(6)
 
     @abstractmethod
     def forward(self, image: Tensor) -> Tensor:

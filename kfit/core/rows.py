@@ -22,7 +22,7 @@ def best_first(energy: Tensor, problem: Tensor) -> tuple[Tensor, Tensor]:
     return order, torch.arange(len(order), device=order.device) - first
 
 
-def beside(rows: Tensor, like: Tensor) -> Tensor:
+def broadcast_rows(rows: Tensor, like: Tensor) -> Tensor:
     """Rows' numbers (N,) in the shape (N, 1, …), as they meet a tensor (N, \\*shape)."""
     return rows.view(-1, *[1] * (like.dim() - 1))
 

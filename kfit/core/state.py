@@ -29,7 +29,7 @@ class _Fields:
         tensor: Tensor = getattr(self, name)
         return tensor
 
-    def handed(self, on: str | tuple[str, ...]) -> Any:
+    def select(self, on: str | tuple[str, ...]) -> Any:
         """What an energy on ``on`` compares: one field's tensor, or a dict of several."""
         return self.field(on) if isinstance(on, str) else {name: self.field(name) for name in on}
 
@@ -159,7 +159,7 @@ class FitState:
         best_energy, best_values: least ranking energy so far of each row, and the values that reached it.
         optimizer: memory of the optimizer, a pytree whose tensors lead with rows.
         notes: what callbacks remember of the rows, (N, …) each by a name of theirs; so they hold nothing themselves.
-        resting: rows that have stopped moving and still may win; see `rest`.
+        frozen_rows: rows that have stopped moving and still may win; see `rest`.
     """
 
     step: int
@@ -174,7 +174,7 @@ class FitState:
     best_values: Variables
     optimizer: Any
     notes: dict[str, Tensor] = field(default_factory=dict)
-    resting: tuple[FitState, ...] = ()
+    frozen_rows: tuple[FitState, ...] = ()
 
     def keep(self, index: Tensor) -> FitState:
         """The same state with the rows of ``index`` (long or boolean) only; start numbers survive."""
@@ -184,8 +184,8 @@ class FitState:
         kept = pytree.tree_map_only(Tensor, lambda tensor: tensor.index_select(0, index), held)
         return FitState(**kept)
 
-    def rest(self, rows: Tensor) -> FitState:
+    def freeze(self, rows: Tensor) -> FitState:
         """The state without these rows (N,), boolean, which cost nothing from now on and stay among the answers."""
         if not bool(rows.any()):
             return self
-        return replace(self.keep(~rows), resting=(*self.resting, replace(self.keep(rows), resting=())))
+        return replace(self.keep(~rows), frozen_rows=(*self.frozen_rows, replace(self.keep(rows), frozen_rows=())))

@@ -16,7 +16,7 @@ from kfit.data.exposure import with_exposure
 from kfit.data.mesh import Mesh
 from kfit.data.mesh_files import load_mesh
 from kfit.data.rasterizer import Light, pose_view
-from kfit.devices import cores, on_one_core
+from kfit.runtime.devices import cores, on_one_core
 
 # Objects of one seed are numbered from seed · this, so different seeds share no object.
 _SEED_STRIDE = 1 << 24

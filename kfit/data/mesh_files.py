@@ -14,8 +14,8 @@ import numpy as np
 import trimesh
 from PIL import EpsImagePlugin
 
-from kfit.core.quiet import quiet
 from kfit.data.mesh import Mesh, join
+from kfit.runtime.ignored_warnings import ignore_warnings
 
 _SUFFIXES = (".obj", ".glb", ".ply")
 _MAX_TEXTURE = 1024
@@ -67,7 +67,7 @@ def load_mesh(path: str | Path) -> Mesh:
         raise ValueError(f"path must name a file of at most 2 GB, but {path} has {path.stat().st_size:,} bytes.")
     try:
         # Scans may hold undefined texture coordinates, of which numpy warns while they are read.
-        with np.errstate(all="ignore"), quiet(), _without_ghostscript():
+        with np.errstate(all="ignore"), ignore_warnings(), _without_ghostscript():
             if path.suffix.lower() == ".glb":
                 _measure(path)
             scene = trimesh.load_scene(path, process=False)

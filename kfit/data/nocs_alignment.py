@@ -8,7 +8,7 @@ from skimage.measure import ransac
 from skimage.transform import SimilarityTransform
 
 from kfit.core.check import check_count, check_positive
-from kfit.core.quiet import quiet
+from kfit.runtime.ignored_warnings import ignore_warnings
 
 _MIN_PAIRS = 16
 
@@ -46,7 +46,7 @@ def align(
         raise ValueError(f"coordinates and points must both be (M, 3), got {coordinates.shape} and {points.shape}")
     if len(points) < _MIN_PAIRS:
         raise ValueError(f"coordinates and points must hold at least {_MIN_PAIRS} pairs, got {len(points)}")
-    with quiet():  # that nothing agrees is told below, in one sentence
+    with ignore_warnings():  # that nothing agrees is told below, in one sentence
         model, agree = ransac(
             (coordinates.astype(np.float64), points.astype(np.float64)),
             SimilarityTransform,

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kfit.core.whole_files import write_whole
+from kfit.runtime.atomic_write import atomic_write
 
 # Booleans, integers, floats, bytes and text: dtypes whose memory holds values and no pointers.
 _KINDS = "biufSU"
@@ -49,7 +49,7 @@ def dump_pickle(path: str | Path, value: Any) -> None:
     # The third protocol spells names in full, ended by a newline.
     written = pickle.dumps(value, protocol=3)
     written = written.replace(b"cnumpy._core.multiarray\n", b"cnumpy.core.multiarray\n")
-    write_whole(path.parent, {path.name: lambda place: place.write_bytes(written)})
+    atomic_write(path.parent, {path.name: lambda place: place.write_bytes(written)})
 
 
 class _RefusedError(Exception):

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from kfit.core.whole_files import write_whole
+from kfit.runtime.atomic_write import atomic_write
 
 # Objects of a part: about a second of one core, which is what a build that is killed loses.
 SIZE = 16
@@ -36,7 +36,7 @@ class ViewParts:
         elif folder.is_dir() and self._told() != self.settings:
             shutil.rmtree(folder, ignore_errors=True)
         text = json.dumps(self.settings)
-        write_whole(folder, {_SETTINGS: lambda place: place.write_text(text)})
+        atomic_write(folder, {_SETTINGS: lambda place: place.write_text(text)})
 
     def objects(self, part: int) -> range:
         """Numbers of a part's objects."""
@@ -52,7 +52,7 @@ class ViewParts:
         arrays: dict[str, Any] = {
             name: np.stack(values) for name, values in zip(FIELDS, zip(*drawn, strict=True), strict=True)
         }
-        write_whole(self.folder, {self._name(part): lambda place: np.savez(place, **arrays)})
+        atomic_write(self.folder, {self._name(part): lambda place: np.savez(place, **arrays)})
 
     def read(self) -> Iterator[tuple[range, dict[str, np.ndarray]]]:
         """The objects' numbers and arrays, part by part.

@@ -15,13 +15,13 @@ from rich.console import Console
 from rich.progress import track
 
 from kfit.core.check import check_choice, check_count, check_list, check_range, check_rising, check_text
-from kfit.core.whole_files import write_whole
 from kfit.data import shapes
 from kfit.data.drawn_objects import DrawnObjects, in_order
 from kfit.data.rasterizer import DISTANCE
 from kfit.data.view_parts import FIELDS, ViewParts
-from kfit.devices import memory
 from kfit.geometry import UNIT_FRACTION
+from kfit.runtime.atomic_write import atomic_write
+from kfit.runtime.devices import memory
 
 _log = logging.getLogger(__name__)
 
@@ -103,7 +103,7 @@ def build_views(
     while not _finished(path, settings):
         _draw(parts, source)
         try:
-            write_whole(path.parent, {path.name: lambda place: _join(place, parts)})
+            atomic_write(path.parent, {path.name: lambda place: _join(place, parts)})
         except FileNotFoundError:  # another process was done first and has removed the parts, or one was damaged
             continue
     parts.remove()

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from kfit.core import ResidualEnergy
 from kfit.core.check import check_shape
-from kfit.energies.weighting import painted, root_weights
+from kfit.energies.weighting import fill_background, root_weights
 
 
 class Gradient(ResidualEnergy):
@@ -26,12 +26,12 @@ class Gradient(ResidualEnergy):
     """
 
     def prepare(self, target: Any, weight: Tensor | None = None) -> Any:
-        return super().prepare(painted(target, weight), weight)
+        return super().prepare(fill_background(target, weight), weight)
 
     def residuals(self, prediction: Any, prepared: Any) -> Tensor:
         target, weight = prepared["target"], prepared.get("weight")
         check_shape("prediction", prediction, tuple(target.shape))
         # The filter is linear: the slopes of the difference are the differences of the slopes.
-        slopes = spatial_gradient(painted(prediction, weight) - target)
+        slopes = spatial_gradient(fill_background(prediction, weight) - target)
         residuals: Tensor = slopes * root_weights(weight, target).unsqueeze(2)
         return residuals.flatten(1)

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from kfit.core import Energy
 from kfit.core.check import check_count, check_shape
-from kfit.energies.weighting import painted, shares
+from kfit.energies.weighting import fill_background, normalized_weights
 
 # A variance of about one grey level of 256, squared: windows flatter than that tell noise.
 _LEAST_VARIANCE = 1e-5
@@ -42,18 +42,23 @@ class LocalNCC(Energy):
 
     def prepare(self, target: Any, weight: Tensor | None = None) -> Any:
         target = target.to(torch.promote_types(target.dtype, torch.float32))  # variances are small differences
-        target = painted(target, weight)
+        target = fill_background(target, weight)
         counted = torch.ones_like(target[:, :1]) if weight is None else weight.to(target.dtype)
         total = self._summed(counted)
         window = {"counted": counted, "total": torch.where(total > 0, total, 1)}
         mean, variance = self._moments(target, window)
-        found = {"target": target, "mean": mean, "variance": variance, "share": shares(weight, target)} | window
+        found = {
+            "target": target,
+            "mean": mean,
+            "variance": variance,
+            "share": normalized_weights(weight, target),
+        } | window
         return found if weight is None else found | {"weight": weight}
 
     def compare(self, prediction: Any, prepared: Any) -> Tensor:
         target: Tensor = prepared["target"]
         check_shape("prediction", prediction, tuple(target.shape))
-        prediction = painted(prediction.to(target.dtype), prepared.get("weight"))
+        prediction = fill_background(prediction.to(target.dtype), prepared.get("weight"))
         mean, variance = self._moments(prediction, prepared)
         covariance = self._mean(prediction * target, prepared) - mean * prepared["mean"]
         lengths = (variance + _LEAST_VARIANCE) * (prepared["variance"] + _LEAST_VARIANCE)

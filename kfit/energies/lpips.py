@@ -11,7 +11,7 @@ from torch import Tensor
 
 from kfit.core import ResidualEnergy
 from kfit.core.check import check_choice
-from kfit.energies.weighting import painted, root_weights
+from kfit.energies.weighting import fill_background, root_weights
 from kfit.features import VGG16, AlexNet, FeatureNetwork
 
 
@@ -54,7 +54,7 @@ class LPIPS(ResidualEnergy):
             self.register_buffer(f"head{number}", head, persistent=False)
 
     def prepare(self, target: Any, weight: Tensor | None = None) -> Any:
-        features = self._features(painted(target, weight))
+        features = self._features(fill_background(target, weight))
         scale = {}
         for number, (name, feature) in enumerate(features.items()):
             # a share is one of all numbers of a layer, and this is a sum over channels
@@ -63,7 +63,7 @@ class LPIPS(ResidualEnergy):
         return super().prepare(features, weight) | {"scale": scale}
 
     def residuals(self, prediction: Any, prepared: Any) -> Tensor:
-        features, target = self._features(painted(prediction, prepared.get("weight"))), prepared["target"]
+        features, target = self._features(fill_background(prediction, prepared.get("weight"))), prepared["target"]
         parts = [(feature - target[name]) * prepared["scale"][name] for name, feature in features.items()]
         return torch.cat([part.flatten(1) for part in parts], 1)
 

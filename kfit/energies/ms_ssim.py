@@ -11,7 +11,7 @@ from torch import Tensor
 
 from kfit.core import Energy
 from kfit.core.check import check_count, check_shape
-from kfit.energies.weighting import painted, shares
+from kfit.energies.weighting import fill_background, normalized_weights
 
 # Wang et al. 2003, section 3.2: how much each scale counted to their observers, the finest first
 _EXPONENTS = (0.0448, 0.2856, 0.3001, 0.2363, 0.1333)
@@ -52,21 +52,23 @@ class MSSSIM(Energy):
 
     def prepare(self, target: Any, weight: Tensor | None = None) -> Any:
         target = target.to(torch.promote_types(target.dtype, torch.float32))  # variances are small differences
-        picture, pixels, scales = painted(target, weight), weight, []
+        picture, pixels, scales = fill_background(target, weight), weight, []
         for number in range(self._count(target)):
             if number:
                 picture = F.avg_pool2d(picture, 2)
                 pixels = None if pixels is None else F.avg_pool2d(pixels.to(picture.dtype), 2)
             mean, variance = self._moments(picture)
             inner = None if pixels is None else self._inside(pixels)
-            scales.append({"picture": picture, "mean": mean, "variance": variance, "share": shares(inner, mean)})
+            scales.append(
+                {"picture": picture, "mean": mean, "variance": variance, "share": normalized_weights(inner, mean)}
+            )
         return {"scales": scales} if weight is None else {"scales": scales, "weight": weight}
 
     def compare(self, prediction: Any, prepared: Any) -> Tensor:
         scales = prepared["scales"]
         target = scales[0]["picture"]
         check_shape("prediction", prediction, tuple(target.shape))
-        picture = painted(prediction, prepared.get("weight")).to(target.dtype)
+        picture = fill_background(prediction, prepared.get("weight")).to(target.dtype)
         exponents = _EXPONENTS[: len(scales)]
         logarithm = picture.new_zeros(len(picture))
         for number, scale in enumerate(scales):

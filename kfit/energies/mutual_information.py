@@ -10,7 +10,7 @@ from torch import Tensor
 
 from kfit.core import Energy
 from kfit.core.check import check_count, check_shape
-from kfit.energies.weighting import painted, shares
+from kfit.energies.weighting import fill_background, normalized_weights
 
 
 class MutualInformation(Energy):
@@ -38,16 +38,16 @@ class MutualInformation(Energy):
         self.num_bins = num_bins
 
     def prepare(self, target: Any, weight: Tensor | None = None) -> Any:
-        target = painted(target, weight)
+        target = fill_background(target, weight)
         low, near = self._bins(target)
         # each channel has a histogram of its own, so its shares must sum to 1
-        share = shares(weight, target[:, :1]).flatten(2).unsqueeze(2)
+        share = normalized_weights(weight, target[:, :1]).flatten(2).unsqueeze(2)
         found = {"target": target, "low": low, "near": near * share}
         return found if weight is None else found | {"weight": weight}
 
     def compare(self, prediction: Any, prepared: Any) -> Tensor:
         check_shape("prediction", prediction, tuple(prepared["target"].shape))
-        low, near = self._bins(painted(prediction, prepared.get("weight")))
+        low, near = self._bins(fill_background(prediction, prepared.get("weight")))
         count = self.num_bins
         # a pixel falls into four bins: the two of the prediction by the two of the target
         apart = torch.tensor([0, 1, count, count + 1], device=low.device)[:, None]

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from kfit.core import ResidualEnergy
 from kfit.core.check import check_shape
-from kfit.energies.weighting import painted, root_weights, shares
+from kfit.energies.weighting import fill_background, normalized_weights, root_weights
 
 # A variance of (1e-4)², far below one grey level of 256: what a flat picture is divided by.
 _LEAST_VARIANCE = 1e-8
@@ -30,14 +30,14 @@ class NCC(ResidualEnergy):
     """
 
     def prepare(self, target: Any, weight: Tensor | None = None) -> Any:
-        share = {"share": shares(weight, target), "root": root_weights(weight, target)}
-        target = painted(target, weight)
+        share = {"share": normalized_weights(weight, target), "root": root_weights(weight, target)}
+        target = fill_background(target, weight)
         prepared = {"target": target, "unit": _unit(target, share), "share": share}
         return prepared if weight is None else prepared | {"weight": weight}
 
     def residuals(self, prediction: Any, prepared: Any) -> Tensor:
         check_shape("prediction", prediction, tuple(prepared["target"].shape))
-        prediction = painted(prediction, prepared.get("weight"))
+        prediction = fill_background(prediction, prepared.get("weight"))
         # Of two unit vectors |a − b|² = 2 − 2 a·b, so half their difference squares to (1 − ρ) / 2.
         apart: Tensor = _unit(prediction, prepared["share"]) - prepared["unit"]
         return apart / 2

@@ -11,7 +11,7 @@ from torch import Tensor, nn
 
 from kfit.core import ResidualEnergy, frozen
 from kfit.core.check import check_choice, check_names
-from kfit.energies.weighting import painted, root_weights, shares
+from kfit.energies.weighting import fill_background, normalized_weights, root_weights
 from kfit.features import FeatureNetwork
 
 
@@ -54,18 +54,18 @@ class Perceptual(ResidualEnergy):
         return self
 
     def prepare(self, target: Any, weight: Tensor | None = None) -> Any:
-        features = self._features(painted(target, weight))
+        features = self._features(fill_background(target, weight))
         normalize = len(features) > 1 if self.normalize is None else self.normalize
         scale = {}
         for name, feature in features.items():
             scale[name] = root_weights(weight, feature)
             if normalize:
-                mean_square = (feature.square() * shares(weight, feature)).sum((1, 2, 3), keepdim=True)
+                mean_square = (feature.square() * normalized_weights(weight, feature)).sum((1, 2, 3), keepdim=True)
                 scale[name] = scale[name] / mean_square.clamp_min(1e-8).sqrt()
         return super().prepare(features, weight) | {"scale": scale}
 
     def residuals(self, prediction: Any, prepared: Any) -> Tensor:
-        features = self._features(painted(prediction, prepared.get("weight")))
+        features = self._features(fill_background(prediction, prepared.get("weight")))
         check_names("network", features, prepared["target"], complete=True)
         parts = []
         for name, target in prepared["target"].items():

@@ -8,7 +8,7 @@ from torch import Tensor
 
 from kfit.core import Energy, ResidualEnergy
 from kfit.core.check import check_shape
-from kfit.energies.weighting import painted, root_weights, shares
+from kfit.energies.weighting import fill_background, normalized_weights, root_weights
 
 
 class L1(Energy):
@@ -23,12 +23,12 @@ class L1(Energy):
     """
 
     def prepare(self, target: Any, weight: Tensor | None = None) -> Any:
-        return super().prepare(painted(target, weight), weight)
+        return super().prepare(fill_background(target, weight), weight)
 
     def compare(self, prediction: Any, prepared: Any) -> Tensor:
         target, weight = prepared["target"], prepared.get("weight")
         check_shape("prediction", prediction, tuple(target.shape))
-        error: Tensor = (painted(prediction, weight) - target).abs() * shares(weight, target)
+        error: Tensor = (fill_background(prediction, weight) - target).abs() * normalized_weights(weight, target)
         return error.sum((1, 2, 3))
 
 
@@ -44,10 +44,10 @@ class L2(ResidualEnergy):
     """
 
     def prepare(self, target: Any, weight: Tensor | None = None) -> Any:
-        return super().prepare(painted(target, weight), weight)
+        return super().prepare(fill_background(target, weight), weight)
 
     def residuals(self, prediction: Any, prepared: Any) -> Tensor:
         target, weight = prepared["target"], prepared.get("weight")
         check_shape("prediction", prediction, tuple(target.shape))
-        residuals: Tensor = (painted(prediction, weight) - target) * root_weights(weight, target)
+        residuals: Tensor = (fill_background(prediction, weight) - target) * root_weights(weight, target)
         return residuals.flatten(1)

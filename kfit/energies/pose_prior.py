@@ -7,9 +7,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from kfit.core import Observation, PoseNetwork, Prior, frozen
+from kfit.core import Observation, Prior, frozen
 from kfit.core.check import check_range
-from kfit.geometry import log_shares
+from kfit.geometry import PoseNetwork, bin_log_probabilities
 
 
 class PosePrior(Prior):
@@ -18,7 +18,7 @@ class PosePrior(Prior):
     E = −log((1 − ε) · F + ε),  F = (Σ_b √(p_b q_b))²
 
     over the bins b of the head: p is what it says, q what it would say if it were sure of the pose, a von Mises
-    distribution in azimuth times a Gaussian in elevation (`kfit.geometry.log_shares`), and F the fidelity of the two, 1
+    distribution in azimuth times a Gaussian in elevation (`kfit.geometry.bin_log_probabilities`), and F the fidelity of the two, 1
     where p = q: their Bhattacharyya coefficient squared (Bhattacharyya 1943). Around a sure head's pose E is
     Δ² / 4 spread², at the edges of its range too, where bins end; of several peaks each has its share. A head that is
     wrong is outvoted at a bounded cost: ε takes the part of all poses alike.
@@ -46,6 +46,8 @@ class PosePrior(Prior):
 
     def forward(self, value: dict[str, Tensor], prepared: Any = None) -> Tensor:
         azimuths, elevations = self.head.azimuths, self.head.elevations
-        turned, tipped = log_shares(value["azimuth"], value["elevation"], azimuths, elevations, self.head.spread)
-        alike = torch.einsum("nae,na,ne->n", prepared, (turned / 2).exp(), (tipped / 2).exp()).square()
+        log_azimuth, log_elevation = bin_log_probabilities(
+            value["azimuth"], value["elevation"], azimuths, elevations, self.head.sigma
+        )
+        alike = torch.einsum("nae,na,ne->n", prepared, (log_azimuth / 2).exp(), (log_elevation / 2).exp()).square()
         return -torch.log((1 - self.floor) * alike + self.floor)

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from kfit.core import Energy, ResidualEnergy
 from kfit.core.check import check_count
-from kfit.energies.weighting import painted
+from kfit.energies.weighting import fill_background
 
 
 class Pyramid(Energy):
@@ -85,7 +85,7 @@ def _halved(pictures: Any, weight: Tensor | None) -> Any:
         return _pooled(pictures)
     weight = weight.to(pictures.dtype)
     total = _pooled(weight)
-    return _pooled(painted(pictures, weight) * weight) / torch.where(total > 0, total, 1)
+    return _pooled(fill_background(pictures, weight) * weight) / torch.where(total > 0, total, 1)
 
 
 def _pooled(picture: Tensor) -> Tensor:

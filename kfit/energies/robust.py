@@ -12,7 +12,7 @@ from torch import Tensor
 
 from kfit.core import ResidualEnergy
 from kfit.core.check import check_positive, check_shape
-from kfit.energies.weighting import painted, root_weights
+from kfit.energies.weighting import fill_background, root_weights
 
 
 class _Robust(ResidualEnergy):
@@ -25,13 +25,13 @@ class _Robust(ResidualEnergy):
         self.scale = scale
 
     def prepare(self, target: Any, weight: Tensor | None = None) -> Any:
-        return super().prepare(painted(target, weight), weight)
+        return super().prepare(fill_background(target, weight), weight)
 
     def residuals(self, prediction: Any, prepared: Any) -> Tensor:
         target, weight = prepared["target"], prepared.get("weight")
         check_shape("prediction", prediction, tuple(target.shape))
         root_share = root_weights(weight, target)
-        u = ((painted(prediction, weight) - target) / self.scale).to(root_share.dtype)
+        u = ((fill_background(prediction, weight) - target) / self.scale).to(root_share.dtype)
         # r = ±√ρ is smooth, its formula is not: near 0, where ρ(u) = u² / 2, the root has no slope
         near = u.abs() < 1e-4
         far = torch.where(near, 1.0, u)

@@ -10,7 +10,7 @@ from torch import Tensor
 from kfit.core import Energy
 from kfit.core.check import check_shape
 from kfit.energies.pixel import L2
-from kfit.energies.weighting import painted, shares
+from kfit.energies.weighting import fill_background, normalized_weights
 
 
 class Silhouette(L2):
@@ -36,12 +36,12 @@ class SoftIoU(Energy):
     on = "mask"
 
     def prepare(self, target: Any, weight: Tensor | None = None) -> Any:
-        return super().prepare(painted(target, weight), weight)
+        return super().prepare(fill_background(target, weight), weight)
 
     def compare(self, prediction: Any, prepared: Any) -> Tensor:
         target, weight = prepared["target"], prepared.get("weight")
         check_shape("prediction", prediction, tuple(target.shape))
-        prediction, share = painted(prediction, weight), shares(weight, target)
+        prediction, share = fill_background(prediction, weight), normalized_weights(weight, target)
         union = (torch.maximum(prediction, target) * share).sum((1, 2, 3))
         # max − min = |a − b|: the difference of two sums would round to something below 0 at the truth
         apart: Tensor = ((prediction - target).abs() * share).sum((1, 2, 3))

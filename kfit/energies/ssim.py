@@ -9,7 +9,7 @@ from torch import Tensor
 
 from kfit.core import Energy
 from kfit.core.check import check_count, check_shape
-from kfit.energies.weighting import painted, shares
+from kfit.energies.weighting import fill_background, normalized_weights
 
 
 class SSIM(Energy):
@@ -37,11 +37,11 @@ class SSIM(Energy):
         self.window_size = window_size
 
     def prepare(self, target: Any, weight: Tensor | None = None) -> Any:
-        return super().prepare(painted(target, weight), weight)
+        return super().prepare(fill_background(target, weight), weight)
 
     def compare(self, prediction: Any, prepared: Any) -> Tensor:
         target, weight = prepared["target"], prepared.get("weight")
         check_shape("prediction", prediction, tuple(target.shape))
         # Kornia's eps would leave equal dark pictures at an energy above 0, and nothing here divides by 0
-        similarity: Tensor = ssim(painted(prediction, weight), target, self.window_size, eps=0.0)
-        return ((1 - similarity) / 2 * shares(weight, target)).sum((1, 2, 3))
+        similarity: Tensor = ssim(fill_background(prediction, weight), target, self.window_size, eps=0.0)
+        return ((1 - similarity) / 2 * normalized_weights(weight, target)).sum((1, 2, 3))

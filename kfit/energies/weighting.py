@@ -9,7 +9,7 @@ from torch import Tensor
 from kfit.core.check import check_shape
 
 
-def shares(weight: Tensor | None, like: Tensor) -> Tensor:
+def normalized_weights(weight: Tensor | None, like: Tensor) -> Tensor:
     """Share of each number of ``like`` in its row's mean: w / (C · Σ_pixels w), so that a row's shares sum to 1.
 
     A row whose weights are all 0 has shares of 0, and with them an energy of 0.
@@ -36,16 +36,16 @@ def shares(weight: Tensor | None, like: Tensor) -> Tensor:
 
 
 def root_weights(weight: Tensor | None, like: Tensor) -> Tensor:
-    """Square roots of `shares`; where a share is 0 the slope is 0 too, as for weights that a generator draws.
+    """Square roots of `normalized_weights`; where a share is 0 the slope is 0 too, as for weights that a generator draws.
 
     A residual is a difference times this root.
     """
-    share = shares(weight, like)
+    share = normalized_weights(weight, like)
     counted = share > 0
     return torch.where(counted, torch.where(counted, share, 1).sqrt(), 0)
 
 
-def painted(image: Tensor, weight: Tensor | None) -> Tensor:
+def fill_background(image: Tensor, weight: Tensor | None) -> Tensor:
     """``image`` (N, C, H, W) with white, the background, wherever ``weight`` (N, 1, H, W) is 0.
 
     What is hidden may be anything, NaN too: painting both sides alike keeps it out of sums, and out of the windows and

@@ -13,7 +13,7 @@ from safetensors.torch import load_file
 from torch import Tensor, nn
 
 from kfit.core.check import check_text
-from kfit.core.torch_file import read_torch
+from kfit.runtime.torch_file import read_torch
 
 _log = logging.getLogger(__name__)
 

@@ -35,5 +35,5 @@ class AdaIN(nn.Module):
 
     def forward(self, features: Tensor, style: Tensor) -> Tensor:
         """Restyle features (N, C, …) by styles (N, 2C)."""
-        mean, spread = style.view(*style.shape, *[1] * (features.dim() - 2)).chunk(2, 1)
-        return F.instance_norm(features) * spread + mean
+        mean, std = style.view(*style.shape, *[1] * (features.dim() - 2)).chunk(2, 1)
+        return F.instance_norm(features) * std + mean

@@ -10,9 +10,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from kfit.core import PoseNetwork
 from kfit.core.check import check_choice, check_count, check_list, check_range, check_rising
-from kfit.geometry import Symmetry, log_shares
+from kfit.geometry import PoseNetwork, Symmetry, bin_log_probabilities
 
 
 class PoseHead(PoseNetwork):
@@ -57,7 +56,7 @@ class PoseHead(PoseNetwork):
         check_range("PoseHead: spread_deg", spread_deg, 0.1, 90)
         check_rising("PoseHead: elevation_deg", elevation_deg, -90, 90)
         low, high = elevation_deg
-        self.symmetry, self.spread = symmetry, math.radians(spread_deg)
+        self.symmetry, self.sigma = symmetry, math.radians(spread_deg)
         rings = max(1, round((high - low) / bin_deg))
         self.register_buffer("azimuths", _centres(-180, 180, 1 if symmetry == "y" else round(360 / bin_deg)), False)
         self.register_buffer("elevations", _centres(low, high, rings), False)
@@ -87,8 +86,10 @@ class PoseHead(PoseNetwork):
         Returns:
             (N,).
         """
-        turned, tipped = log_shares(azimuth, elevation, self.azimuths, self.elevations, self.spread)
-        target = turned[:, :, None] + tipped[:, None]
+        log_azimuth, log_elevation = bin_log_probabilities(
+            azimuth, elevation, self.azimuths, self.elevations, self.sigma
+        )
+        target = log_azimuth[:, :, None] + log_elevation[:, None]
         return F.kl_div(log_probability, target, reduction="none", log_target=True).sum((1, 2))
 
 

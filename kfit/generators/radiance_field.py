@@ -22,7 +22,7 @@ VOLUME_SIDE = 4  # of the learned constant; each 3D layer doubles it
 # Of the styles, louder than AdaIN's own from the start: else the encoder learns to say less, and drawings are worse.
 GAIN = 0.3
 # Rays are taken to cross walls by at least this much.
-PARALLEL = 1e-6
+MIN_SLOPE = 1e-6
 
 
 class RadianceField(Generator):
@@ -153,7 +153,7 @@ class RadianceField(Generator):
             # is addressed as (x, y, z) = (W, H, D).
             turned = (rays.to(volume.dtype).flatten(0, 2) @ rotation / self.half_sides).unflatten(1, rays.shape[:3])
             past, along = turned.unbind(1)
-            along = torch.where(along.abs() < PARALLEL, PARALLEL, along)
+            along = torch.where(along.abs() < MIN_SLOPE, MIN_SLOPE, along)
             walls = torch.stack([(-1 - past) / along, (1 - past) / along])
             # Objects of unit diagonal stay within half a diagonal of their centre, whichever way they are turned.
             near = walls.amin(0).amax(-1).clamp(-0.5, 0.5)

@@ -14,7 +14,7 @@ from kfit.core import Rendering
 EMPTY = -6.0
 SHARPNESS = 2.0
 # What counts for less in its pixel is not looked at, except in training.
-FAINT = 1e-4
+MIN_SAMPLE_WEIGHT = 1e-4
 
 
 @dataclass(frozen=True)
@@ -39,11 +39,11 @@ class RayMarch:
         return Rendering(image=image, mask=mask, depth=depth)
 
     def where_it_counts(self, volume: Tensor) -> Rendering:
-        """The picture of samples of a share above `FAINT`, a few of all: density, without slopes, tells which."""
+        """The picture of samples of a share above `MIN_SAMPLE_WEIGHT`, a few of all: density, without slopes, tells which."""
         with torch.no_grad():
             density = F.grid_sample(volume[:, 3:].contiguous(), self._points()[1], align_corners=False)
             among = _shares(self._optical(density[:, 0], self.step[:, None]))
-            seen = (among > FAINT).flatten().nonzero()[:, 0]
+            seen = (among > MIN_SAMPLE_WEIGHT).flatten().nonzero()[:, 0]
         rows, _, height, width = among.shape
         row, pixel = seen // among[0].numel(), seen % (height * width)
         ray = row * (height * width) + pixel

@@ -64,8 +64,8 @@ class SimilarityWarp(Generator):
         every = torch.arange(len(rows), device=rows.device)
         kept = number.new_zeros(len(distinct)).scatter_reduce(0, number, every, "amin", include_self=False)
         drawn: Rendering = self.generator(**{name: value[kept] for name, value in inner.items()})
-        spread: Rendering = drawn.map(lambda tensor: tensor[number])
-        return spread
+        gathered: Rendering = drawn.map(lambda tensor: tensor[number])
+        return gathered
 
     def bind(self, **fixed: Tensor) -> Generator:
         """Hold variables; those of the generator inside are bound there.

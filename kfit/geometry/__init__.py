@@ -1,6 +1,6 @@
 """Pure functions on tensors: pose conventions, crops, cameras, boxes, and what is known about categories."""
 
-from kfit.geometry.bins import log_shares
+from kfit.geometry.bins import bin_log_probabilities
 from kfit.geometry.boxes import EDGES, box_corners, project
 from kfit.geometry.camera import (
     UNIT_FRACTION,
@@ -33,6 +33,7 @@ __all__ = [
     "Crop",
     "Symmetry",
     "angles_from_rotation",
+    "bin_log_probabilities",
     "box_corners",
     "depth_along",
     "diagonal_at",
@@ -40,7 +41,6 @@ __all__ = [
     "from_opencv",
     "intrinsics_from_exif",
     "intrinsics_from_fov",
-    "log_shares",
     "observed",
     "pose_from_crop",
     "project",

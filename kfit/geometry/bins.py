@@ -7,8 +7,8 @@ from torch import Tensor
 from torch.nn.functional import log_softmax
 
 
-def log_shares(
-    azimuth: Tensor, elevation: Tensor, azimuths: Tensor, elevations: Tensor, spread: float
+def bin_log_probabilities(
+    azimuth: Tensor, elevation: Tensor, azimuths: Tensor, elevations: Tensor, sigma: float
 ) -> tuple[Tensor, Tensor]:
     """Logarithms of a von Mises distribution in azimuth (N, A) and a Gaussian in elevation (N, E), over bins.
 
@@ -17,8 +17,8 @@ def log_shares(
     Args:
         azimuth, elevation: (N,) in radians.
         azimuths, elevations: (A,) and (E,) centres of the bins in radians.
-        spread: in radians.
+        sigma: in radians.
     """
-    turned = (torch.cos(azimuth[:, None] - azimuths) - 1) / spread**2
-    tipped = -0.5 * ((elevation[:, None] - elevations) / spread).square()
-    return log_softmax(turned, 1), log_softmax(tipped, 1)
+    azimuth_logits = (torch.cos(azimuth[:, None] - azimuths) - 1) / sigma**2
+    elevation_logits = -0.5 * ((elevation[:, None] - elevations) / sigma).square()
+    return log_softmax(azimuth_logits, 1), log_softmax(elevation_logits, 1)

@@ -9,8 +9,9 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
-from kfit.core import Initializer, Observation, PoseNetwork, Variable, Variables, frozen
+from kfit.core import Initializer, Observation, Variable, Variables, frozen
 from kfit.core.check import check_choice, check_range
+from kfit.geometry import PoseNetwork
 from kfit.initializers.sphere_grid import GOLDEN_ANGLE
 
 # Steps down in a score of log-probabilities: a bin near a start comes after all that are free, a start's own bin last.
@@ -71,9 +72,11 @@ class PosePosterior(Initializer):
 
     def _peaks(self, said: Tensor, azimuths: Tensor, elevations: Tensor, num_starts: int) -> Tensor:
         """Bins (B, S) of the starts, best first."""
-        turned = (azimuths[:, None] - azimuths + math.pi) % (2 * math.pi) - math.pi
-        tipped = elevations[:, None] - elevations
-        distance = torch.hypot(turned[:, None, :, None], tipped[None, :, None]).flatten(0, 1).flatten(1)
+        azimuth_offset = (azimuths[:, None] - azimuths + math.pi) % (2 * math.pi) - math.pi
+        elevation_offset = elevations[:, None] - elevations
+        distance = (
+            torch.hypot(azimuth_offset[:, None, :, None], elevation_offset[None, :, None]).flatten(0, 1).flatten(1)
+        )
         near = NEAR * (distance < self.apart) + TAKEN * torch.eye(len(distance), dtype=distance.dtype)
         score, picked = said.flatten(1), []
         for _ in range(num_starts):
@@ -104,6 +107,6 @@ def _local_means(share: Tensor) -> Tensor:
     around = F.pad(torch.cat([share[:, -1:], share, share[:, :1]], 1), (1, 1))
     offset = torch.tensor([-1.0, 0.0, 1.0], dtype=share.dtype)
     kernels = torch.stack([torch.ones(3, 3).to(share), offset[:, None].expand(3, 3), offset.expand(3, 3)])
-    total, turned, tipped = F.conv2d(around[:, None], kernels[:, None]).unbind(1)
+    total, azimuth_offset, elevation_offset = F.conv2d(around[:, None], kernels[:, None]).unbind(1)
     # Beside a peak the mean is the peak's place; a start stays in its own bin.
-    return (torch.stack([turned, tipped], 1) / total.clamp(min=1e-12)[:, None]).clamp(-0.5, 0.5)
+    return (torch.stack([azimuth_offset, elevation_offset], 1) / total.clamp(min=1e-12)[:, None]).clamp(-0.5, 0.5)

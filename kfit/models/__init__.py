@@ -1,22 +1,22 @@
 """Models of categories: files, loading, and the way from a photo to a pose."""
 
-from kfit.models.card import Card
-from kfit.models.category_model import CategoryModel
 from kfit.models.files import read_checkpoint, read_model, write_model
-from kfit.models.followed import Followed
-from kfit.models.follower import Follower
-from kfit.models.following import follow
 from kfit.models.load import bundled, load
-from kfit.models.pose_result import Alternative, PoseResult
 from kfit.models.released import load_released, released_values
+from kfit.pose.card import Card
+from kfit.pose.category_model import CategoryModel
+from kfit.pose.result import Alternative, PoseResult
+from kfit.tracking.track import track
+from kfit.tracking.tracked_pose import TrackedPose
+from kfit.tracking.tracker import Tracker
 
 __all__ = [
     "Alternative",
     "Card",
     "CategoryModel",
-    "Followed",
-    "Follower",
     "PoseResult",
+    "TrackedPose",
+    "Tracker",
     "bundled",
     "follow",
     "load",

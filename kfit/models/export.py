@@ -14,10 +14,10 @@ import torch
 from torch import Tensor, nn
 
 from kfit.core import Angle, Bounded, Encoder, Generator, Positive, Real, frozen
-from kfit.core.whole_files import write_whole
 from kfit.features import EfficientNetLite0
 from kfit.features.network import FeatureNetwork
-from kfit.models.category_model import CategoryModel
+from kfit.pose.category_model import CategoryModel
+from kfit.runtime.atomic_write import atomic_write
 
 OPSET = 20  # the first with GridSample of volumes
 
@@ -155,4 +155,4 @@ def _write(
             if value.name in {*inputs, *outputs} and id(value) not in outer:
                 value.name = f"{value.name}_within"
     program.model.metadata_props.update(metadata or {})
-    write_whole(path.parent, {path.name: program.save})
+    atomic_write(path.parent, {path.name: program.save})

@@ -15,11 +15,12 @@ from safetensors.torch import load, save
 from torch import Tensor, nn
 from torch.overrides import TorchFunctionMode
 
-from kfit.core import Encoder, Generator, PoseNetwork
-from kfit.core.torch_file import LARGEST_WEIGHTS, read_torch
-from kfit.core.whole_files import write_whole
+from kfit.core import Encoder, Generator
 from kfit.generators import ExtentsHead
-from kfit.models.card import NETWORKS, OPTIONAL, Card
+from kfit.geometry import PoseNetwork
+from kfit.pose.card import NETWORKS, OPTIONAL, Card
+from kfit.runtime.atomic_write import atomic_write
+from kfit.runtime.torch_file import LARGEST_WEIGHTS, read_torch
 
 # What a network must be by its name, whether kfit's or somebody's own.
 ROLES: dict[str, type[nn.Module]] = {
@@ -48,7 +49,7 @@ def write_model(path: Path, networks: dict[str, nn.Module], card: Card) -> None:
         for key, tensor in network.state_dict().items()
     }
     card_name = path.with_suffix(".json").name
-    write_whole(path.parent, {path.name: lambda place: place.write_bytes(save(numbers)), card_name: card.write})
+    atomic_write(path.parent, {path.name: lambda place: place.write_bytes(save(numbers)), card_name: card.write})
 
 
 def read_model(path: Path) -> tuple[dict[str, nn.Module], Card]:

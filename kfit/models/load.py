@@ -5,8 +5,8 @@ from __future__ import annotations
 import logging
 from pathlib import Path
 
-from kfit.models.category_model import CategoryModel
 from kfit.models.files import read_model
+from kfit.pose.category_model import CategoryModel
 
 _log = logging.getLogger(__name__)
 BUNDLED = Path(__file__).parent / "bundled"

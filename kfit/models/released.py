@@ -9,8 +9,8 @@ from torch import Tensor
 
 from kfit.core import Variables
 from kfit.core.check import check_shape
-from kfit.core.torch_file import read_torch
 from kfit.generators import VAE3D, ConvEncoder
+from kfit.runtime.torch_file import read_torch
 
 # Their names of the layers, in the order of kfit's.
 LIFTS, DECODES = ("enc_1.0", "enc_2.0"), ("enc_3.0", "enc_4.0")
@@ -105,8 +105,8 @@ def _generator(theirs: dict[str, Tensor]) -> dict[str, Tensor]:
     }
     for index, count in enumerate(COUNTS):
         for part in ("weight", "bias"):
-            mean, spread = theirs[f"mlp{index}.fc.{part}"].chunk(2)
-            ours[f"styles.{index}.affine.{part}"] = torch.cat([mean, spread * ((count - 1) / count) ** 0.5])
+            mean, std = theirs[f"mlp{index}.fc.{part}"].chunk(2)
+            ours[f"styles.{index}.affine.{part}"] = torch.cat([mean, std * ((count - 1) / count) ** 0.5])
     return ours
 
 

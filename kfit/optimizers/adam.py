@@ -10,7 +10,7 @@ from torch import Tensor
 
 from kfit.core import Evaluate, Evaluation, Optimizer, Variables
 from kfit.core.check import check_dict, check_list, check_names, check_positive, check_range
-from kfit.core.rows import beside
+from kfit.core.rows import broadcast_rows
 
 
 class Adam(Optimizer):
@@ -101,7 +101,7 @@ def adam_step(
     square = {k: high * memory["square"][k] + (1 - high) * g.square() for k, g in gradient.items()}
     step = {}
     for name, slope in gradient.items():
-        rows, rate = beside(count, slope), rates[name]
+        rows, rate = broadcast_rows(count, slope), rates[name]
         unit = (mean[name] / (1 - low**rows)) / ((square[name] / (1 - high**rows)).sqrt() + 1e-8)
-        step[name] = -(beside(rate, slope) if isinstance(rate, Tensor) else rate) * unit
+        step[name] = -(broadcast_rows(rate, slope) if isinstance(rate, Tensor) else rate) * unit
     return step, {"mean": mean, "square": square, "count": count}

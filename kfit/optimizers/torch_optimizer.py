@@ -34,7 +34,7 @@ class TorchOptimizer(Optimizer):
     Example:
         >>> import torch
         >>> from kfit.optimizers import TorchOptimizer
-        >>> from kfit.schedules import Cosine
+        >>> from kfit.fitting.schedules import Cosine
         >>> optimizer = TorchOptimizer(torch.optim.AdamW, lr=0.02, schedule=Cosine(1.0, 0.0), num_steps=50)
     """
 

@@ -11,10 +11,10 @@ from kfit.callbacks import Pruning
 from kfit.core import Energy, FitResult, Observation, Optimizer, Prior, ResidualEnergy
 from kfit.core.check import check_choice, check_count, check_range, check_shape
 from kfit.energies import L2, BendingEnergy
+from kfit.fitting.pipeline import FitPipeline
 from kfit.generators import Template
 from kfit.generators.motions import BENDING, MOTIONS, Motion, pixel_grid
 from kfit.optimizers import LBFGS, LevenbergMarquardt
-from kfit.pipeline import FitPipeline
 from kfit.registration.pair import Pair, checked_pair, pyramid_levels
 from kfit.registration.result import Registration
 from kfit.registration.stages import Stage, first_stage, motions_of, next_stage
@@ -39,7 +39,7 @@ def register(
     """Find the motion that takes moving pictures onto fixed ones.
 
     Fits a `kfit.generators.Template` from coarse to fine. At the coarsest level, the likeliest of 64 starts are
-    followed: no motion, phase correlation, matched SIFT features, and random motions up to 30°, 0.3 half-widths and
+    tracked: no motion, phase correlation, matched SIFT features, and random motions up to 30°, 0.3 half-widths and
     15 %. Motions of more freedom begin at the simpler ones' answers. Energies that are sums of squares are
     descended by Levenberg–Marquardt, others by L-BFGS. Only what both pictures cover counts.
 

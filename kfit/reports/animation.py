@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from kfit.core.whole_files import write_whole
-from kfit.models import PoseResult
+from kfit.pose import PoseResult
 from kfit.reports.fit_frames import FitFrames, Picture, fit_frames
 from kfit.reports.video_file import VideoFile
+from kfit.runtime.atomic_write import atomic_write
 
 SUFFIXES = (".gif", ".mp4")
 SIDE, GAP, LINE = 256, 8, 36
@@ -40,7 +40,7 @@ def animate(result: PoseResult, path: str | Path) -> Path:
     place = Path(path)
     pictures = _pictures(fit_frames(result))
     write = _write_gif if place.suffix.lower() == ".gif" else _write_mp4
-    return write_whole(place.parent, {place.name: lambda aside: write(pictures, aside)})[0]
+    return atomic_write(place.parent, {place.name: lambda aside: write(pictures, aside)})[0]
 
 
 def _pictures(frames: FitFrames) -> list[Image.Image]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from kfit.geometry import CATEGORIES
-from kfit.models import PoseResult
+from kfit.pose import PoseResult
 
 
 def describe(result: PoseResult) -> str:

@@ -9,7 +9,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from kfit.models import PoseResult
+from kfit.pose import PoseResult
 
 Picture = NDArray[np.uint8]
 

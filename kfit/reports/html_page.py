@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from kfit import __version__
-from kfit.core.whole_files import write_whole
 from kfit.geometry import CATEGORIES
-from kfit.models import PoseResult
+from kfit.pose import PoseResult
 from kfit.reports.energy_curves import energy_curves
 from kfit.reports.fit_frames import Picture, fit_frames
 from kfit.reports.overlay import draw_overlay
 from kfit.reports.view_sphere import camera_angles, view_sphere
+from kfit.runtime.atomic_write import atomic_write
 
 CAMERA = {"fx": (0, 0), "fy": (1, 1), "cx": (0, 2), "cy": (1, 2)}
 
@@ -34,7 +34,7 @@ def report(result: PoseResult, path: str | Path = "report.html", command: str | 
     the energies of all starts; where the camera is, by the answer and by its alternatives; and the numbers.
 
     Args:
-        result: of `kfit.models.CategoryModel.pose`.
+        result: of `kfit.pose.CategoryModel.pose`.
         path: of the file.
         command: that made it, to be named.
 
@@ -43,7 +43,7 @@ def report(result: PoseResult, path: str | Path = "report.html", command: str | 
     """
     place = Path(path)
     text = page(result, command)
-    return write_whole(place.parent, {place.name: lambda aside: aside.write_text(text, encoding="utf-8")})[0]
+    return atomic_write(place.parent, {place.name: lambda aside: aside.write_text(text, encoding="utf-8")})[0]
 
 
 def page(result: PoseResult, command: str | None = None) -> str:

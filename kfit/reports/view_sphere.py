@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from kfit.geometry import CATEGORIES, EDGES, box_corners, rotation_from_angles
-from kfit.models import PoseResult
+from kfit.pose import PoseResult
 from kfit.reports.inline_svg import ACCENT, INK, MUTED, PAPER, inline_svg, styled
 
 Points = NDArray[np.float64]

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from PIL import Image, ImageOps, UnidentifiedImageError
 from torch import Tensor
 
-from kfit.core.quiet import quiet
 from kfit.geometry import intrinsics_from_exif
+from kfit.runtime.ignored_warnings import ignore_warnings
 
 LARGEST_SIDE = 10_000
 # Pillow reads more kinds, whatever a file is called; PostScript among them, a program that it has Ghostscript run.
@@ -153,7 +153,7 @@ def _open(path: str | Path) -> tuple[Image.Image, dict[int, object]]:
     size = None
     try:
         # Pillow warns of large pictures, which are measured below, and of EXIF tags that it cannot read.
-        with quiet(), Image.open(path, formats=KINDS) as picture:
+        with ignore_warnings(), Image.open(path, formats=KINDS) as picture:
             size, kind = picture.size, picture.format
             if max(size) > LARGEST_SIDE:
                 raise Image.DecompressionBombError

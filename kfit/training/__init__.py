@@ -1,25 +1,25 @@
 """How generators, pose heads and the networks that kfit is compared with are trained."""
 
+from kfit.training.atomic_checkpoints import AtomicCheckpoints
 from kfit.training.conditional_vae import ConditionalVAE
 from kfit.training.coordinate_training import CoordinateTraining
-from kfit.training.disturb import Disturb
-from kfit.training.jitter import Jitter
 from kfit.training.orientation_training import OrientationTraining
-from kfit.training.photograph import Photograph
+from kfit.training.photometric_augmentation import PhotometricAugmentation
 from kfit.training.picture_grid import PictureGrid
 from kfit.training.pose_training import PoseTraining
-from kfit.training.recolor import Recolor
-from kfit.training.whole_checkpoints import WholeCheckpoints
+from kfit.training.random_corruption import RandomCorruption
+from kfit.training.random_recolor import RandomRecolor
+from kfit.training.random_similarity import RandomSimilarity
 
 __all__ = [
+    "AtomicCheckpoints",
     "ConditionalVAE",
     "CoordinateTraining",
-    "Disturb",
-    "Jitter",
     "OrientationTraining",
-    "Photograph",
+    "PhotometricAugmentation",
     "PictureGrid",
     "PoseTraining",
-    "Recolor",
-    "WholeCheckpoints",
+    "RandomCorruption",
+    "RandomRecolor",
+    "RandomSimilarity",
 ]

@@ -15,8 +15,8 @@ from kfit.core import Encoder, Energy, Generator, Observation, Rendering, frozen
 from kfit.core.check import check_choice, check_count, check_dict, check_names, check_positive, check_range
 from kfit.generators import ExtentsHead
 from kfit.geometry import Symmetry
-from kfit.training.jitter import Jitter
-from kfit.training.photograph import Photograph
+from kfit.training.photometric_augmentation import PhotometricAugmentation
+from kfit.training.random_similarity import RandomSimilarity
 from kfit.training.short_fit import fitted_rotations
 from kfit.training.training import Training
 
@@ -69,10 +69,10 @@ class ConditionalVAE(Training):
         kl_weight: float = 1e-4,
         extents_weight: float = 0.1,
         rate: float = 2e-3,
-        jitter: Jitter | None = None,
+        jitter: RandomSimilarity | None = None,
         compile: bool = False,
         pixel_stride: int = 1,
-        photograph: Photograph | None = None,
+        photograph: PhotometricAugmentation | None = None,
         symmetry: Symmetry = "none",
     ) -> None:
         super().__init__()
@@ -133,7 +133,7 @@ class ConditionalVAE(Training):
         """Log how well the encoder's look at one view draws another, and in test also how well poses are found.
 
         Logged are the losses, L1, SSIM and the IoU of masks, how far the extents are off, and in test what
-        ``judge_rotations`` tells of short fits to every fifth of the other views.
+        ``evaluate_rotations`` tells of short fits to every fifth of the other views.
         """
         drawn = self(batch["source"], batch["azimuth"], batch["elevation"])
         terms = self._compare(drawn, batch)
@@ -155,7 +155,7 @@ class ConditionalVAE(Training):
                 batch[name][::FIT_EVERY] for name in ("target", "target_mask", "azimuth", "elevation")
             )
             seen = Observation(image, None if drawn.mask is None else mask)
-            self.judge_rotations(
+            self.evaluate_rotations(
                 fitted_rotations(self.generator, self.encoder, seen), azimuth, elevation, self.symmetry
             )
 
@@ -173,6 +173,6 @@ class ConditionalVAE(Training):
     def _compare(self, drawn: Rendering, batch: dict[str, Tensor]) -> dict[str, Tensor]:
         target = Rendering(batch["target"], batch["target_mask"], batch.get("target_depth"))
         return {
-            name: energy(drawn.handed(energy.on), target.handed(energy.on)).mean()  # type: ignore[arg-type]
+            name: energy(drawn.select(energy.on), target.select(energy.on)).mean()  # type: ignore[arg-type]
             for name, energy in self.losses.items()
         }

@@ -11,8 +11,8 @@ from kfit.baselines import CoordinateRegressor
 from kfit.core.check import check_choice, check_positive, check_range
 from kfit.data.rasterizer import DISTANCE
 from kfit.geometry import UNIT_FRACTION, rotation_from_angles
-from kfit.training.jitter import Jitter
-from kfit.training.recolor import Recolor
+from kfit.training.random_recolor import RandomRecolor
+from kfit.training.random_similarity import RandomSimilarity
 from kfit.training.training import Training
 
 
@@ -44,8 +44,8 @@ class CoordinateTraining(Training):
         weight_decay: float = 1e-3,
         unit_fraction: float = UNIT_FRACTION,
         distance: float = DISTANCE,
-        jitter: Jitter | None = None,
-        recolor: Recolor | None = None,
+        jitter: RandomSimilarity | None = None,
+        recolor: RandomRecolor | None = None,
         compile: bool = False,
     ) -> None:
         super().__init__()

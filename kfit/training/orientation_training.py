@@ -10,8 +10,8 @@ from torch import Tensor
 from kfit.baselines import OrientationRegressor
 from kfit.core.check import check_choice, check_positive, check_range, check_text
 from kfit.geometry import rotation_from_angles
-from kfit.training.disturb import Disturb
-from kfit.training.jitter import Jitter
+from kfit.training.random_corruption import RandomCorruption
+from kfit.training.random_similarity import RandomSimilarity
 from kfit.training.training import Training
 
 
@@ -42,8 +42,8 @@ class OrientationTraining(Training):
         rate: float = 3e-4,
         weight_decay: float = 1e-2,
         weights: str | None = None,
-        disturb: Disturb | None = None,
-        jitter: Jitter | None = None,
+        disturb: RandomCorruption | None = None,
+        jitter: RandomSimilarity | None = None,
         compile: bool = False,
     ) -> None:
         super().__init__()
@@ -87,7 +87,7 @@ class OrientationTraining(Training):
         said = self(image)
         loss = self.regressor.distance(said, truth).mean()
         self.log(f"{stage}/rotation", loss, batch_size=len(image), sync_dist=True)
-        self.judge_rotations(said, azimuth, elevation, self.regressor.symmetry)
+        self.evaluate_rotations(said, azimuth, elevation, self.regressor.symmetry)
 
 
 def _views(batch: dict[str, Tensor]) -> tuple[Tensor, Tensor, Tensor, Tensor]:

@@ -13,9 +13,9 @@ from kfit.core.check import check_choice, check_positive, check_range
 from kfit.generators import PoseHead
 from kfit.geometry.pose import rotation_of
 from kfit.initializers import PosePosterior
-from kfit.training.jitter import Jitter
-from kfit.training.photograph import Photograph
-from kfit.training.recolor import Recolor
+from kfit.training.photometric_augmentation import PhotometricAugmentation
+from kfit.training.random_recolor import RandomRecolor
+from kfit.training.random_similarity import RandomSimilarity
 from kfit.training.training import Training
 
 
@@ -47,9 +47,9 @@ class PoseTraining(Training):
         pose_head: PoseHead,
         rate: float = 1.5e-3,
         weight_decay: float = 1e-3,
-        jitter: Jitter | None = None,
-        recolor: Recolor | None = None,
-        photograph: Photograph | None = None,
+        jitter: RandomSimilarity | None = None,
+        recolor: RandomRecolor | None = None,
+        photograph: PhotometricAugmentation | None = None,
         mirror: bool = False,
         compile: bool = False,
     ) -> None:
@@ -93,7 +93,7 @@ class PoseTraining(Training):
         loss = self.pose_head.divergence(self(image), azimuth, elevation).mean()
         self.log(f"{stage}/pose", loss, prog_bar=True, batch_size=len(image), sync_dist=True)
         likeliest = rotation_of(PosePosterior(self.pose_head)({}, Observation(image), 1, []))
-        self.judge_rotations(likeliest, azimuth, elevation, self.pose_head.symmetry)
+        self.evaluate_rotations(likeliest, azimuth, elevation, self.pose_head.symmetry)
 
 
 def _views(batch: dict[str, Tensor]) -> tuple[Tensor, Tensor, Tensor]:

@@ -8,10 +8,10 @@ from torch import Tensor
 from kfit.callbacks import Pruning
 from kfit.core import Encoder, Energy, Generator, Observation, Prior, Schedule
 from kfit.energies import SSIM, CodePrior, Silhouette
+from kfit.fitting.pipeline import FitPipeline
 from kfit.geometry.pose import rotation_of
 from kfit.initializers import EncoderPosterior, SphereGrid
 from kfit.optimizers import Adam
-from kfit.pipeline import FitPipeline
 
 # Raw units a step, as the released code fits (neural_object_fitting@7309348): half-turns for angles.
 RATES = {"code": 0.3, "azimuth": 0.03, "elevation": 0.01}

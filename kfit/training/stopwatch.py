@@ -12,7 +12,7 @@ import torch
 from lightning.pytorch import Callback, LightningModule, Trainer
 
 from kfit.core.check import check_count
-from kfit.devices import Operations, matrix_rate, wait
+from kfit.runtime.devices import Operations, matrix_rate, wait
 
 
 class Stopwatch(Callback):

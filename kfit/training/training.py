@@ -14,16 +14,16 @@ from torch import Tensor, nn
 from torchmetrics import CatMetric
 
 from kfit.core.seeds import mixed_seed
-from kfit.devices import compile_networks
 from kfit.geometry import Symmetry, rotation_from_angles
 from kfit.metrics import rotation_error_deg, summary
+from kfit.runtime.devices import compile_networks
 
 
 class Training(LightningModule):
     """A LightningModule whose checkpoints rebuild themselves, whose rate rises and falls, and that is judged by the
     same measures in validation and in test.
 
-    Where `report` calls `judge_rotations`, the median error is logged as ``val/rotation_deg`` or
+    Where `report` calls `evaluate_rotations`, the median error is logged as ``val/rotation_deg`` or
     ``test/rotation_deg``, and the shares of them under 10° and 30°, which are average precisions as the paper counts
     them, as ``…/within_10deg`` and ``…/within_30deg``: those of all processes together.
 
@@ -66,7 +66,7 @@ class Training(LightningModule):
     def on_test_epoch_end(self) -> None:
         self._report_rotations("test")
 
-    def judge_rotations(self, found: Tensor, azimuth: Tensor, elevation: Tensor, symmetry: Symmetry) -> None:
+    def evaluate_rotations(self, found: Tensor, azimuth: Tensor, elevation: Tensor, symmetry: Symmetry) -> None:
         """Note how far rotations (N, 3, 3) are from the truth, angles (N,) in radians; the epoch's end logs it.
 
         Objects of symmetry ``"y"`` count by the angle between their axes.

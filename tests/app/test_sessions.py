@@ -10,7 +10,7 @@ import kfit
 from kfit.app import session
 from kfit.app.session import Session, Sessions
 from kfit.app.watched import Drawn
-from kfit.models import PoseResult
+from kfit.pose import PoseResult
 from kfit.segmentation import mask_from_box
 
 

@@ -7,7 +7,8 @@ import pytest
 
 from kfit.app.watched import watched
 from kfit.core import Callback, FitError
-from kfit.models import PoseResult, load
+from kfit.models import load
+from kfit.pose import PoseResult
 from kfit.segmentation import Photo
 
 

@@ -16,7 +16,7 @@ class Rests(Callback):
         self.problem, self.step = problem, step
 
     def on_step(self, state):
-        return state.rest((state.problem == self.problem) & (state.step >= self.step))
+        return state.freeze((state.problem == self.problem) & (state.step >= self.step))
 
 
 class Rows(Callback):

@@ -17,9 +17,10 @@ from kfit.energies import L2, Silhouette
 from kfit.features import EfficientNetLite0
 from kfit.generators import VAE3D, ConvEncoder, ExtentsHead, OnnxGenerator, SimilarityWarp
 from kfit.initializers import Constant
-from kfit.models import Card, CategoryModel, write_model
+from kfit.models import write_model
 from kfit.models.export import export_generator
 from kfit.optimizers import CMAES, Adam
+from kfit.pose import Card, CategoryModel
 
 NETWORKS = {
     "generator": (VAE3D, {"code_dim": 4, "volume_dims": [8, 8, 4], "projection_dim": 8, "decoder_dims": [8, 8]}),

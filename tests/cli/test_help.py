@@ -5,7 +5,7 @@ import shlex
 
 import pytest
 
-from kfit.cli.bench import BENCHMARKS
+from kfit.bench.command import BENCHMARKS
 from kfit.cli.main import COMMANDS, TRAINING, main, parser, tree
 
 NAMES = ["", *COMMANDS, *(f"bench {name}" for name in BENCHMARKS)]

@@ -13,10 +13,10 @@ import pytest
 import torch
 from skimage.io import imsave
 
+from kfit.bench.held_out_clip import Clip, held_out_clip
 from kfit.cli.main import main
 from kfit.geometry import rotation_error
 from kfit.models import load
-from kfit.models.clips import Clip, unseen_clip
 
 FRAMES = 4
 CAMERA = ["--intrinsics", "384", "384", "159.5", "119.5"]
@@ -24,7 +24,7 @@ CAMERA = ["--intrinsics", "384", "384", "159.5", "119.5"]
 
 @pytest.fixture(scope="module")
 def truth() -> Clip:
-    return unseen_clip(load("laptop"), 1, FRAMES)
+    return held_out_clip(load("laptop"), 1, FRAMES)
 
 
 @pytest.fixture(scope="module")

@@ -10,19 +10,8 @@ from torch import nn
 from walk import shipped
 
 import kfit.initializers
-from kfit.core import (
-    Angle,
-    Bounded,
-    Encoder,
-    FitResult,
-    History,
-    Initializer,
-    Observation,
-    PoseNetwork,
-    Positive,
-    Variable,
-)
-from kfit.geometry import rotation_error, rotation_from_angles
+from kfit.core import Angle, Bounded, Encoder, FitResult, History, Initializer, Observation, Positive, Variable
+from kfit.geometry import PoseNetwork, rotation_error, rotation_from_angles
 from kfit.initializers import (
     Constant,
     EncoderPosterior,

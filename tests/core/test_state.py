@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from kfit.core import FitResult, FitState, History, Observation, Rendering
-from kfit.core.recorder import Recorder
+from kfit.fitting.recorder import Recorder
 
 GOOD = {
     "image": torch.rand(2, 3, 4, 5),

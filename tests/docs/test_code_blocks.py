@@ -28,8 +28,8 @@ from markdown_it import MarkdownIt
 from skimage import data
 from skimage.io import imread, imsave
 
-from kfit.cli import lightning as training
 from kfit.cli.main import TRAINING, parser
+from kfit.training import lightning_cli as training
 
 ROOT = Path(__file__).parents[2]
 MASK = imread(ROOT / "examples" / "coffee_mask.png")

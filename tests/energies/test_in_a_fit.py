@@ -26,9 +26,9 @@ from kfit.energies import (
     Welsch,
 )
 from kfit.features import Activations
+from kfit.fitting.schedules import Linear
 from kfit.initializers import Uniform
 from kfit.optimizers import Adam
-from kfit.schedules import Linear
 
 MOVED = torch.tensor([[2.0, -1.5]])
 

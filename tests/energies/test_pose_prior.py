@@ -6,9 +6,9 @@ import pytest
 import torch
 
 from kfit import FitPipeline
-from kfit.core import Generator, Observation, PoseNetwork, Rendering, Variable
+from kfit.core import Generator, Observation, Rendering, Variable
 from kfit.energies import L2, PosePrior
-from kfit.geometry import log_shares
+from kfit.geometry import PoseNetwork, bin_log_probabilities
 from kfit.initializers import Constant
 from kfit.optimizers import Adam
 
@@ -59,8 +59,8 @@ def test_where_all_poses_are_alike_it_is_flat():
 @pytest.mark.parametrize("degrees", [-4.0, 1.0, 43.0, 79.0, 84.0])
 def test_a_head_that_is_sure_of_a_pose_is_believed_up_to_the_edges_of_its_range(degrees):
     head, true = Says(torch.ones(36, 9)), torch.tensor([0.3, math.radians(degrees)])
-    turned, tipped = log_shares(*true[:, None], head.azimuths, head.elevations, head.spread)
-    prior = PosePrior(Says((turned[0, :, None] + tipped[0]).exp()))
+    log_azimuth, log_elevation = bin_log_probabilities(*true[:, None], head.azimuths, head.elevations, head.sigma)
+    prior = PosePrior(Says((log_azimuth[0, :, None] + log_elevation[0]).exp()))
     tried = true[1] + torch.deg2rad(torch.linspace(-20, 20, 81))
     found = energy(prior, true[:1].expand(81), tried)
     assert found.argmin() == 40
@@ -70,10 +70,10 @@ def test_a_head_that_is_sure_of_a_pose_is_believed_up_to_the_edges_of_its_range(
 def test_near_a_sure_pose_it_is_the_angle_squared_by_four_times_the_spread_squared():
     head = Says(torch.ones(36, 9))
     at = torch.tensor([0.3]), torch.tensor([0.7])
-    turned, tipped = log_shares(*at, head.azimuths, head.elevations, head.spread)
-    prior = PosePrior(Says((turned[0, :, None] + tipped[0]).exp()), floor=1e-6)
+    log_azimuth, log_elevation = bin_log_probabilities(*at, head.azimuths, head.elevations, head.sigma)
+    prior = PosePrior(Says((log_azimuth[0, :, None] + log_elevation[0]).exp()), floor=1e-6)
     away = math.radians(5)
-    expected = away**2 / (4 * head.spread**2)
+    expected = away**2 / (4 * head.sigma**2)
     assert energy(prior, at[0] + away, at[1]).item() == pytest.approx(expected, rel=0.02)
     assert energy(prior, at[0], at[1] + away).item() == pytest.approx(expected, rel=0.02)
 

@@ -6,7 +6,8 @@ import pytest
 import torch
 from torch import Tensor
 
-from kfit.core import Angle, Observation, PoseNetwork, Variable
+from kfit.core import Angle, Observation, Variable
+from kfit.geometry import PoseNetwork
 from kfit.initializers import PosePosterior
 
 VARIABLES = {"azimuth": Variable((), Angle()), "elevation": Variable((), Angle())}

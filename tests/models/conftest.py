@@ -6,7 +6,8 @@ import pytest
 import torch
 
 from kfit.generators import VAE3D, ConvEncoder, ExtentsHead
-from kfit.models import Card, CategoryModel, write_model
+from kfit.models import write_model
+from kfit.pose import Card, CategoryModel
 
 TINY = {
     "generator": {

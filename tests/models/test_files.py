@@ -11,7 +11,8 @@ import torch
 import kfit
 from kfit.generators import PoseHead
 from kfit.geometry import CATEGORIES
-from kfit.models import Card, CategoryModel, bundled, read_checkpoint, read_model, write_model
+from kfit.models import bundled, read_checkpoint, read_model, write_model
+from kfit.pose import Card, CategoryModel
 
 
 def edit(path: Path, **changes: object) -> None:
@@ -70,7 +71,7 @@ def test_a_card_that_names_other_sizes_gets_a_sentence(tiny_file: Path) -> None:
 
 @pytest.mark.parametrize(
     "class_path",
-    ["os.system", "subprocess.Popen", "antigravity.fly", "kfit.pipeline.FitPipeline.of", "torch.nn.nothing"],
+    ["os.system", "subprocess.Popen", "antigravity.fly", "kfit.fitting.pipeline.FitPipeline.of", "torch.nn.nothing"],
 )
 def test_a_card_can_neither_import_a_module_nor_call_a_function(tiny_file: Path, class_path: str) -> None:
     networks = json.loads(tiny_file.with_suffix(".json").read_text())["networks"]

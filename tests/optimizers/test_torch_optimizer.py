@@ -8,9 +8,9 @@ from kfit import FitPipeline
 from kfit.callbacks import Pruning
 from kfit.core import Generator, Observation, Rendering, Variable
 from kfit.energies import L2
+from kfit.fitting.schedules import Cosine, Linear
 from kfit.initializers import Uniform
 from kfit.optimizers import TorchOptimizer
-from kfit.schedules import Cosine, Linear
 
 KINDS = {
     "Adam": (torch.optim.Adam, {}),

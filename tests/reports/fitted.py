@@ -5,7 +5,7 @@ from functools import cache
 import kfit
 from kfit.callbacks import Pruning
 from kfit.data import build, pose_view
-from kfit.models import PoseResult
+from kfit.pose import PoseResult
 
 STEPS, STARTS, PRUNED_AT, KEPT = 5, 4, 2, 2
 

@@ -10,7 +10,7 @@ import torch
 from fitted import fitted_mug
 
 from kfit.geometry import Crop, intrinsics_from_fov, pose_from_crop
-from kfit.models import Alternative
+from kfit.pose import Alternative
 from kfit.reports.view_sphere import camera_angles, view_sphere
 
 

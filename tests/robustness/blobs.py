@@ -22,10 +22,10 @@ from kfit.core import (
 )
 from kfit.data import build, pose_view
 from kfit.energies import L2
+from kfit.fitting.pipeline import FitPipeline
 from kfit.initializers import Uniform
-from kfit.models import PoseResult
 from kfit.optimizers import Adam
-from kfit.pipeline import FitPipeline
+from kfit.pose import PoseResult
 
 THREADS = 8
 

@@ -14,7 +14,7 @@ import torch
 from torch import Tensor, nn
 
 from kfit.core import FitResult, History
-from kfit.pipeline import FitPipeline
+from kfit.fitting.pipeline import FitPipeline
 
 ROOMS = (
     "baselines", "callbacks", "core", "data", "energies", "features", "generators", "geometry", "initializers",
@@ -22,8 +22,8 @@ ROOMS = (
 )  # fmt: skip
 # Plain values that functions give back, and files' readers, whose files tests of their own damage.
 ASIDE = {
-    "Alternative", "Card", "Category", "Detections", "Evaluation", "FitError", "FitResult", "FitState", "Followed",
-    "Follower", "Frame", "History", "MaskRCNN", "Mesh", "NOCSFrame", "NOCSFrames", "NOCSObject", "NOCSPrediction",
+    "Alternative", "Card", "Category", "Detections", "Evaluation", "FitError", "FitResult", "FitState", "TrackedPose",
+    "Tracker", "Frame", "History", "MaskRCNN", "Mesh", "NOCSFrame", "NOCSFrames", "NOCSObject", "NOCSPrediction",
     "NOCSScores", "Observation", "OnnxGenerator", "OnnxNetwork", "Photo", "PoseResult", "Rendering", "SalientObject",
     "Segment", "View", "ViewPairs", "Views", "YoloSeg", "CategoryModel", "Evaluate",
 }  # fmt: skip

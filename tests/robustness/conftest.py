@@ -11,7 +11,7 @@ from blobs import THREADS, seen
 from hypothesis.configuration import set_hypothesis_home_dir
 
 import kfit
-from kfit.models import CategoryModel
+from kfit.pose import CategoryModel
 
 set_hypothesis_home_dir(tempfile.mkdtemp(prefix="hypothesis"))
 

@@ -22,13 +22,15 @@ import torch
 from skimage.io import imsave
 
 import kfit.models
-from kfit.cli import bench_page
+from kfit.bench import page as bench_page
 from kfit.cli.main import main
-from kfit.cli.session import session
 from kfit.data import build, dump_pickle, pose_view
 from kfit.data.views import build_views
 from kfit.generators import VAE3D, ConvEncoder, ExtentsHead
-from kfit.models import Card, CategoryModel, Followed, Follower, load, write_model
+from kfit.models import load, write_model
+from kfit.pose import Card, CategoryModel
+from kfit.runtime.console import session
+from kfit.tracking import TrackedPose, Tracker
 
 Command = Callable[[], object]
 SAID = {
@@ -61,10 +63,10 @@ def write_results(folder: Path) -> None:
     dump_pickle(folder / "results_test_scene_1_0000.pkl", result)
 
 
-class Still(Follower):
+class Still(Tracker):
     """Finds in every frame what it found in the first."""
 
-    def __call__(self, *seen: object) -> Followed:  # type: ignore[override]
+    def __call__(self, *seen: object) -> TrackedPose:  # type: ignore[override]
         return self.last
 
 
@@ -83,7 +85,7 @@ def commands(here: Path) -> dict[str, Command]:
     model = load("laptop")
     result = replace(model.pose(view.image, mask=view.mask, pipeline=model.pipeline(2, 2)), notes=())
     CategoryModel.pose = lambda *args, **how: result  # type: ignore[method-assign]
-    kfit.models.Follower = Still  # type: ignore[misc]
+    kfit.tracking.Tracker = Still  # type: ignore[misc]
     whole = CategoryModel.pipeline
     CategoryModel.pipeline = lambda self, depth=False: whole(self, 3, 2, depth=depth)  # type: ignore[method-assign,assignment]
     photo, frames = here / "photo.png", here / "frames"
@@ -119,9 +121,9 @@ def works(here: Path) -> dict[str, Command]:
     from nocs_lookalike import write_frames
     from test_kills import TRAINING
 
-    from kfit.cli import lightning
-    from kfit.models.dataset_fit import DatasetFit
-    from kfit.models.nocs_fit import NOCSFit
+    from kfit.batch.dataset_fit import DatasetFit
+    from kfit.batch.nocs_fit import NOCSFit
+    from kfit.training import lightning_cli as lightning
 
     write_tiny(here / "mug.safetensors")
     write_frames(here / "nocs", [("mug", "mug"), ("mug",), ("mug", "mug", "mug"), (), ("mug",), ("mug", "mug")])

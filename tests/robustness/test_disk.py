@@ -17,7 +17,7 @@ import torch
 from small_disk import Try
 
 from kfit.cli.main import main
-from kfit.core.whole_files import PARTIAL, write_whole
+from kfit.runtime.atomic_write import PARTIAL, atomic_write
 
 HERE = Path(__file__).parent
 FULL, READ_ONLY = "No space left on device: ", "Read-only file system: "
@@ -151,18 +151,18 @@ def test_a_place_that_cannot_be_is_named_and_nothing_else_is_written(tmp_path: P
     (tmp_path / "folder/a").write_text("old")
     writers = {"a": lambda path: path.write_text("new"), "b": lambda path: path.write_text("new")}
     with pytest.raises(NotADirectoryError, match=r"Not a directory: '.*/file'$"):
-        write_whole(tmp_path / "file", writers)
+        atomic_write(tmp_path / "file", writers)
     with pytest.raises(NotADirectoryError, match=r"Not a directory: '.*/file/.*'$"):
-        write_whole(tmp_path / "file/below", writers)
+        atomic_write(tmp_path / "file/below", writers)
     with pytest.raises(IsADirectoryError, match=r"Is a directory: '.*/folder/b'$"):
-        write_whole(tmp_path / "folder", writers)
+        atomic_write(tmp_path / "folder", writers)
     assert (tmp_path / "folder/a").read_text() == (tmp_path / "file").read_text() == "old"
     assert sorted(path.name for path in tmp_path.rglob("*")) == ["a", "b", "file", "folder"]
 
 
 def test_an_error_of_what_is_read_meanwhile_is_told_as_it_is(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError, match=r"'none'$"):
-        write_whole(tmp_path, {"a": lambda path: path.write_text(Path("none").read_text())})
+        atomic_write(tmp_path, {"a": lambda path: path.write_text(Path("none").read_text())})
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full")

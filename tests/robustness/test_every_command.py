@@ -17,10 +17,10 @@ from hypothesis import strategies as st
 from PIL import Image
 
 import kfit.models
+from kfit.bench.command import BENCHMARKS
 from kfit.cli import main as command_line
-from kfit.cli.bench import BENCHMARKS
 from kfit.cli.main import COMMANDS, main
-from kfit.pipeline import FitPipeline
+from kfit.fitting.pipeline import FitPipeline
 
 ROOT = Path(__file__).parents[2]
 FEW = settings(max_examples=6, derandomize=True, deadline=None, database=None, suppress_health_check=list(HealthCheck))

@@ -17,14 +17,14 @@ import pytest
 from PIL import EpsImagePlugin, Image
 
 from kfit.cli.main import main
-from kfit.cli.session import log, session
 from kfit.data.mesh_files import load_mesh
 from kfit.data.nocs_frame import read_depth
 from kfit.data.nocs_models import read_meta
 from kfit.data.nocs_results import write_result
 from kfit.models import load
-from kfit.models.fit_recipe import fit_of
-from kfit.models.recipe_file import check_recipe
+from kfit.pose.fit_recipe import fit_of
+from kfit.runtime.console import log, session
+from kfit.runtime.recipe_limits import check_recipe
 from kfit.segmentation import Frames, read_photo
 
 POSTSCRIPT = b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 8 8\n%%EndComments\nshowpage\n%%EOF\n"

@@ -15,10 +15,11 @@ from typing import Any
 import pytest
 import torch
 
-from kfit.core.torch_file import LARGEST_WEIGHTS, read_torch
-from kfit.models import Card, load
+from kfit.models import load
 from kfit.models.files import read_checkpoint
 from kfit.models.load import BUNDLED
+from kfit.pose import Card
+from kfit.runtime.torch_file import LARGEST_WEIGHTS, read_torch
 
 CARD: dict[str, Any] = json.loads((BUNDLED / "mug.json").read_text())
 WRONG: list[Any] = [

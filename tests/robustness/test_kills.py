@@ -21,8 +21,8 @@ import numpy as np
 import pytest
 import torch
 
-from kfit.core.whole_files import PARTIAL
 from kfit.data.views import build_views
+from kfit.runtime.atomic_write import PARTIAL
 
 KILLS = int(os.environ.get("KFIT_KILLS", "3"))
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(not hasattr(os, "fork"), reason="processes cannot be forked here")]
@@ -114,14 +114,14 @@ TRAINING = [
     "--trainer.callbacks.enable_version_counter", "false", "--trainer.max_epochs", "4",
     "--model", "kfit.training.PoseTraining", "--model.pose_head", "kfit.generators.PoseHead",
     "--model.pose_head.init_args.channels", "[4, 4, 4, 4]", "--model.pose_head.init_args.hidden_dim", "8",
-    "--model.jitter", "kfit.training.Jitter", "--model.recolor", "kfit.training.Recolor",
+    "--model.jitter", "kfit.training.RandomSimilarity", "--model.recolor", "kfit.training.RandomRecolor",
     "--data", "kfit.data.ViewsDataModule", "--data.num_objects", "8", "--data.num_views", "4",
     "--data.num_val_objects", "1", "--data.batch_size", "4",
 ]  # fmt: skip
 
 
 def test_a_training_goes_on_through_kills_as_if_nothing_had_been(tmp_path: Path) -> None:
-    from kfit.cli import lightning
+    from kfit.training import lightning_cli as lightning
 
     def train(folder: Path) -> None:
         warnings.simplefilter("ignore")
@@ -161,10 +161,11 @@ def test_a_data_set_is_fitted_through_kills(tmp_path: Path) -> None:
     from lightning import Trainer
     from nocs_lookalike import write_frames
 
+    from kfit.batch.dataset_fit import DatasetFit
+    from kfit.batch.nocs_fit import NOCSFit
     from kfit.generators import VAE3D, ConvEncoder, ExtentsHead
-    from kfit.models import Card, write_model
-    from kfit.models.dataset_fit import DatasetFit
-    from kfit.models.nocs_fit import NOCSFit
+    from kfit.models import write_model
+    from kfit.pose import Card
 
     said = {
         "generator": (VAE3D, {"code_dim": 4, "volume_dims": [8, 8, 4], "projection_dim": 8, "decoder_dims": [8, 8]}),

@@ -30,7 +30,8 @@ from kfit.core import (
     FitResult,
 )
 from kfit.generators import VAE3D, ConvEncoder, ExtentsHead
-from kfit.models import Card, write_model
+from kfit.models import write_model
+from kfit.pose import Card
 
 MANY = 1000
 # What an object may leave on average; a picture of 64 x 64 that is kept has 49,152 bytes.
@@ -147,13 +148,13 @@ class TestNothingIsLeftBehind:
 
     @pytest.mark.slow
     def test_by_a_video_of_a_thousand_frames(self, mug, scratch):
-        from kfit.models import Follower
-        from kfit.models.clips import unseen_clip
+        from kfit.bench.held_out_clip import held_out_clip
+        from kfit.tracking import Tracker
 
-        clip = unseen_clip(mug, 1, 4)
+        clip = held_out_clip(mug, 1, 4)
         masks = [mask > 0.5 for mask in clip.masks]
-        follower = Follower(mug, mug.pose(clip.frames[0], mask=masks[0], intrinsics=clip.intrinsics))
-        leaves_nothing(lambda number: follower(clip.frames[number % 4], masks[number % 4]), MANY, 100)
+        tracker = Tracker(mug, mug.pose(clip.frames[0], mask=masks[0], intrinsics=clip.intrinsics))
+        leaves_nothing(lambda number: tracker(clip.frames[number % 4], masks[number % 4]), MANY, 100)
 
     @pytest.mark.parametrize("count", [40, pytest.param(MANY, marks=pytest.mark.slow)])
     def test_by_uploads_of_visitors_who_come_and_go(self, photos, count, scratch, tmp_path):
@@ -196,8 +197,8 @@ class TestNothingIsLeftBehind:
 def test_a_data_set_of_a_thousand_objects_leaves_nothing_behind(photos, scratch, tmp_path, monkeypatch):
     from lightning import Trainer
 
-    from kfit.models import dataset_fit
-    from kfit.models.photo_folder import PhotoFolder
+    from kfit.batch import dataset_fit
+    from kfit.batch.photo_folder import PhotoFolder
 
     said = {
         "generator": (VAE3D, {"code_dim": 2, "volume_dims": [4, 4], "projection_dim": 4, "decoder_dims": [4]}),

@@ -12,15 +12,15 @@ import torch
 from torch import Tensor
 
 import kfit
-import kfit.judge
+import kfit.fitting.objective
 from kfit import FitPipeline
 from kfit.callbacks import Pruning, Stopping
 from kfit.core import FitError, FitResult, Initializer, Observation, Optimizer, Prior
 from kfit.energies import L2, Depth, Silhouette
 from kfit.generators import MetricDepth, RadianceField, SimilarityWarp, Template
 from kfit.initializers import Constant, FromDepth, Uniform
-from kfit.models.sighting import Sighting
 from kfit.optimizers import CMAES, Adam, LevenbergMarquardt, Stages
+from kfit.pose.observed_object import ObservedObject
 
 
 def float64(*numbers: float) -> Tensor:
@@ -90,7 +90,7 @@ class TestASeedDecides:
     @pytest.mark.parametrize("pictures", [1, 2, 1000])
     def test_an_answer_that_chunks_of_any_size_give(self, optimizer, pictures, monkeypatch) -> None:
         whole = registration(optimizer)(moved(), seed=2)
-        monkeypatch.setitem(kfit.judge.CHUNK_PIXELS, "cpu", pictures * 12 * 12)
+        monkeypatch.setitem(kfit.fitting.objective.CHUNK_PIXELS, "cpu", pictures * 12 * 12)
         assert_same(registration(optimizer)(moved(), seed=2), whole, (0, 1, 2), 1e-9)
 
     def test_an_answer_that_more_threads_give(self, optimizer) -> None:
@@ -219,4 +219,4 @@ def test_depth_that_is_known_at_too_few_pixels_of_an_object_is_told_of_that_obje
     depth = np.zeros((400, 400), np.float32)
     depth[200, 200] = 0.6
     with pytest.raises(ValueError, match="depth is known at too few pixels of the object: none is left in its 64 x 64"):
-        Sighting.of(np.ones((400, 400, 3), np.float32), "mug", 64, np.ones((400, 400)), depth=depth)
+        ObservedObject.of(np.ones((400, 400, 3), np.float32), "mug", 64, np.ones((400, 400)), depth=depth)

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import torch
 
-from kfit.models.category_model import CategoryModel
-from kfit.models.sighting import Sighting
-from kfit.pipeline import FitPipeline
+from kfit.fitting.pipeline import FitPipeline
+from kfit.pose.category_model import CategoryModel
+from kfit.pose.observed_object import ObservedObject
 
 INF, NAN = float("inf"), float("nan")
 PIXELS = np.random.default_rng(0).integers(0, 256, (48, 64, 3), np.uint8)
@@ -91,7 +91,7 @@ def test_wrong_arguments_are_refused_before_a_fit(
 
 def test_tensors_and_lists_do_as_well_as_arrays() -> None:
     photo, mask, camera = PIXELS.astype(np.float32) / 255, GOOD.tolist(), torch.from_numpy(CAMERA)
-    seen = Sighting.of(torch.from_numpy(photo).requires_grad_(), "mug", 32, mask, None, camera)  # type: ignore[arg-type]
-    plain = Sighting.of(photo, "mug", 32, GOOD, None, CAMERA)
+    seen = ObservedObject.of(torch.from_numpy(photo).requires_grad_(), "mug", 32, mask, None, camera)  # type: ignore[arg-type]
+    plain = ObservedObject.of(photo, "mug", 32, GOOD, None, CAMERA)
     assert torch.equal(seen.observation.field("image"), plain.observation.field("image"))
     assert torch.equal(seen.intrinsics, plain.intrinsics)

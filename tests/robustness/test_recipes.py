@@ -8,9 +8,9 @@ import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from kfit.cli import lightning
 from kfit.models import load
-from kfit.models.fit_recipe import fit_of
+from kfit.pose.fit_recipe import fit_of
+from kfit.training import lightning_cli as lightning
 
 RECIPES = sorted((Path(__file__).parents[2] / "recipes").glob("*.yaml"))
 FIT = next(path for path in RECIPES if path.stem == "fit_released")

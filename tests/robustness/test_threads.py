@@ -26,7 +26,7 @@ from kfit.core import (
 )
 from kfit.energies import SSIM, Perceptual
 from kfit.features import EfficientNetLite0
-from kfit.models import CategoryModel, PoseResult
+from kfit.pose import CategoryModel, PoseResult
 from kfit.segmentation import mask_from_box, read_photo
 
 

@@ -21,8 +21,8 @@ from kfit.features import VGG16
 from kfit.generators import OnnxGenerator
 from kfit.models import load
 from kfit.models.files import read_checkpoint
-from kfit.models.fit_recipe import fit_of
 from kfit.models.released import load_released
+from kfit.pose.fit_recipe import fit_of
 from kfit.segmentation import depth_from_file, load_segmenter, mask_from_file, read_photo
 
 READERS: dict[str, Callable[[Path], Any]] = {

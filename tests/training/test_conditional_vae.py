@@ -20,7 +20,7 @@ import kfit
 from kfit.core import Energy, Rendering
 from kfit.energies import L1, Perceptual, Silhouette
 from kfit.generators import VAE3D, ConvEncoder, ExtentsHead, PoseHead, RadianceField
-from kfit.training import ConditionalVAE, Jitter
+from kfit.training import ConditionalVAE, RandomSimilarity
 
 ROOT = Path(__file__).parents[2]
 # What Lightning says about batches that come from memory, and calls in torch that has called it deprecated since.
@@ -180,7 +180,7 @@ class TestTheLoss:
         assert not any("extents" in name for name in logged)
 
     def test_shows_the_encoder_the_jittered_view_only_while_training(self, logged, monkeypatch):
-        module, given, seen = build(jitter=Jitter(0.0, 0.0, 1.0)), batch(), []
+        module, given, seen = build(jitter=RandomSimilarity(0.0, 0.0, 1.0)), batch(), []
         monkeypatch.setattr(module, "jitter", lambda image: seen.append(image) or image)
         with torch.no_grad():
             module.training_step(given, 0)
@@ -301,7 +301,7 @@ class TestTraining:
 class TestCheckpoint:
     @quiet
     def test_of_networks_built_in_python_loads_as_data_alone(self, tmp_path):
-        module = build(jitter=Jitter())
+        module = build(jitter=RandomSimilarity())
         runner = trainer(tmp_path, logger=CSVLogger(tmp_path))
         runner.fit(module, loader(), loader())
         runner.save_checkpoint(tmp_path / "all.ckpt")
@@ -314,7 +314,7 @@ class TestCheckpoint:
         again.load_state_dict(saved["state_dict"])
         torch.testing.assert_close(again.generator.constant, module.generator.constant)
 
-    @pytest.mark.parametrize("jitter", [None, Jitter()])
+    @pytest.mark.parametrize("jitter", [None, RandomSimilarity()])
     def test_leaves_no_network_among_the_hyperparameters(self, jitter):
         module = build(jitter=jitter)
         plain = {"loss_weights", "kl_weight", "extents_weight", "rate", "compile", "pixel_stride", "photograph"}
@@ -323,16 +323,18 @@ class TestCheckpoint:
         assert set(module.hparams) == set(module.hparams_initial) == plain
 
 
-class TestJitter:
+class TestRandomSimilarity:
     def test_of_nothing_gives_the_picture_itself(self):
         image = torch.rand(5, 3, 32, 32)
-        torch.testing.assert_close(Jitter(0.0, 0.0, 1.0)(image), image, rtol=0, atol=2e-5)
+        torch.testing.assert_close(RandomSimilarity(0.0, 0.0, 1.0)(image), image, rtol=0, atol=2e-5)
 
     def test_stays_within_its_range_and_fills_it(self, monkeypatch):
         given = {}
-        monkeypatch.setattr("kfit.training.jitter.warp", lambda drawn, **values: given.update(values) or drawn)
+        monkeypatch.setattr(
+            "kfit.training.random_similarity.warp", lambda drawn, **values: given.update(values) or drawn
+        )
         torch.manual_seed(0)
-        Jitter(30.0, 0.2, 1.5)(torch.ones(4000, 3, 1, 1))
+        RandomSimilarity(30.0, 0.2, 1.5)(torch.ones(4000, 3, 1, 1))
         roll, shift, scale = given["roll"].rad2deg(), given["shift"], given["scale"]
         for value, most in ((roll, 30), (shift, 0.2), (scale.log(), math.log(1.5))):
             assert value.abs().max() <= most * (1 + 1e-6)
@@ -344,7 +346,7 @@ class TestJitter:
     def test_moves_each_picture_its_own_way_on_white(self):
         torch.manual_seed(0)
         image = torch.zeros(1, 3, 32, 32).expand(3, 3, 32, 32)
-        jittered = Jitter(0.0, 0.4, 1.0)(image)
+        jittered = RandomSimilarity(0.0, 0.4, 1.0)(image)
         assert jittered.shape == (3, 3, 32, 32)
         assert len(jittered.flatten(1).unique(dim=0)) == 3
         assert jittered.max() == 1
@@ -352,14 +354,14 @@ class TestJitter:
     def test_takes_its_numbers_from_torch(self):
         image = torch.rand(3, 3, 16, 16)
         torch.manual_seed(5)
-        first = Jitter()(image)
+        first = RandomSimilarity()(image)
         torch.manual_seed(5)
-        assert torch.equal(Jitter()(image), first)
+        assert torch.equal(RandomSimilarity()(image), first)
 
     @pytest.mark.parametrize("settings", [{"roll_deg": -1.0}, {"shift": -0.1}, {"scale": 0.9}])
     def test_refuses_ranges_that_are_none_by_name(self, settings):
-        with pytest.raises(ValueError, match=f"Jitter: {next(iter(settings))} must lie between"):
-            Jitter(**settings)
+        with pytest.raises(ValueError, match=f"RandomSimilarity: {next(iter(settings))} must lie between"):
+            RandomSimilarity(**settings)
 
 
 @pytest.mark.slow

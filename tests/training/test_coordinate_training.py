@@ -8,11 +8,11 @@ from lightning.pytorch import Trainer
 from torch.utils.data import DataLoader
 
 from kfit.baselines import CoordinateRegressor
-from kfit.cli.lightning import main
 from kfit.data import build, pose_view
 from kfit.models import read_checkpoint
-from kfit.training import CoordinateTraining, Jitter
+from kfit.training import CoordinateTraining, RandomSimilarity
 from kfit.training.coordinate_training import coordinates_of
+from kfit.training.lightning_cli import main
 
 SIDE = 32
 quiet = pytest.mark.filterwarnings(
@@ -66,7 +66,7 @@ def test_the_loss_is_the_mean_divergence_of_the_targets(monkeypatch):
 
 
 def test_coordinates_follow_the_jittered_picture(monkeypatch):
-    module, (given, truth) = make(jitter=Jitter(180.0, 0.3, 1.4), recolor=lambda image: image / 2), views()
+    module, (given, truth) = make(jitter=RandomSimilarity(180.0, 0.3, 1.4), recolor=lambda image: image / 2), views()
     module.log, shown = lambda *told, **settings: None, {}
     # What is seen are the coordinates themselves, so picture and truth can be compared.
     given["target"] = truth * (given["target_mask"] > 0) + 1

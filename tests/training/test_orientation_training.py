@@ -8,10 +8,10 @@ from lightning.pytorch import Trainer
 from torch.utils.data import DataLoader
 
 from kfit.baselines import OrientationRegressor
-from kfit.cli.lightning import main
 from kfit.geometry import rotation_error, rotation_from_angles
 from kfit.models import read_checkpoint
-from kfit.training import Disturb, Jitter, OrientationTraining
+from kfit.training import OrientationTraining, RandomCorruption, RandomSimilarity
+from kfit.training.lightning_cli import main
 
 SIDE = 32
 quiet = pytest.mark.filterwarnings(
@@ -68,7 +68,7 @@ def test_views_are_scaled_then_disturbed_in_training_alone(logged):
         seen.append(mask)
         return image / 2, mask
 
-    module = build(jitter=Jitter(0.0, 0.0, 1.0), disturb=disturb).eval()
+    module = build(jitter=RandomSimilarity(0.0, 0.0, 1.0), disturb=disturb).eval()
     module.regressor.register_forward_pre_hook(lambda _, inputs: seen.append(inputs[0]))
     given = batch()
     with torch.no_grad():
@@ -82,7 +82,7 @@ def test_views_are_scaled_then_disturbed_in_training_alone(logged):
 
 def test_the_mask_follows_the_jitter():
     module = build(
-        jitter=Jitter(0.0, 0.0, 3.0), disturb=lambda image, mask: seen.append((image, mask)) or (image, mask)
+        jitter=RandomSimilarity(0.0, 0.0, 3.0), disturb=lambda image, mask: seen.append((image, mask)) or (image, mask)
     )
     module.log, seen, given = lambda *told, **settings: None, [], batch()
     middle = torch.zeros(3, 1, SIDE, SIDE)
@@ -97,7 +97,7 @@ def test_the_mask_follows_the_jitter():
 
 @quiet
 def test_a_step_moves_the_regressor_and_the_checkpoint_holds_plain_data_alone(tmp_path):
-    module, one = build(disturb=Disturb()), DataLoader([batch()], batch_size=None)
+    module, one = build(disturb=RandomCorruption()), DataLoader([batch()], batch_size=None)
     before = module.regressor.features[0].weight.detach().clone()
     trainer = Trainer(
         default_root_dir=tmp_path, max_epochs=1, accelerator="cpu", logger=False, enable_checkpointing=False,

@@ -9,7 +9,7 @@ from torch.utils.data import DataLoader
 
 from kfit.generators import PoseHead
 from kfit.geometry import rotation_error, rotation_from_angles
-from kfit.training import PoseTraining, Recolor
+from kfit.training import PoseTraining, RandomRecolor
 
 SIDE = 16
 ANGLES = ("source_azimuth", "source_elevation", "azimuth", "elevation")
@@ -85,10 +85,10 @@ def test_errors_of_one_validation_do_not_count_in_the_next(logged):
     module = build().eval()
     turn = torch.eye(3).expand(2, 3, 3)
     for azimuth in (1.0, 0.0):
-        module.judge_rotations(turn, torch.full((2,), azimuth), torch.zeros(2), "none")
+        module.evaluate_rotations(turn, torch.full((2,), azimuth), torch.zeros(2), "none")
         module.on_validation_epoch_end()
     assert logged["val/rotation_deg"] == pytest.approx(0, abs=1e-4)
-    module.judge_rotations(turn * torch.nan, torch.zeros(2), torch.zeros(2), "none")
+    module.evaluate_rotations(turn * torch.nan, torch.zeros(2), torch.zeros(2), "none")
     module.on_validation_epoch_end()
     assert logged["val/rotation_deg"] == 180
 
@@ -177,21 +177,21 @@ def test_a_trainer_without_an_end_is_an_error(tmp_path):
         trainer.fit(build(), one, one)
 
 
-class TestRecolor:
+class TestRandomRecolor:
     def test_keeps_white_white_and_stays_in_range(self):
         torch.manual_seed(0)
         image = torch.rand(16, 3, 8, 8)
         image[..., :2] = 1
-        found = Recolor()(image)
+        found = RandomRecolor()(image)
         torch.testing.assert_close(found[..., :2], image[..., :2])
         assert 0 <= float(found.min()) <= float(found.max()) <= 1
 
     def test_leaves_about_half_of_the_channels_unmixed_and_of_no_strength_bends_nothing(self):
         torch.manual_seed(0)
         image = torch.rand(400, 3, 4, 4)
-        same = (Recolor(gamma=0.0)(image) - image).abs().amax((1, 2, 3)) < 1e-6
+        same = (RandomRecolor(gamma=0.0)(image) - image).abs().amax((1, 2, 3)) < 1e-6
         assert 160 < int(same.sum()) < 240
 
     def test_of_a_negative_strength_is_an_error(self):
-        with pytest.raises(ValueError, match="Recolor: gamma"):
-            Recolor(-0.1)
+        with pytest.raises(ValueError, match="RandomRecolor: gamma"):
+            RandomRecolor(-0.1)

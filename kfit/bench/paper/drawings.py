@@ -1,0 +1,76 @@
+"""What a trained generator draws, apart from any fit: how exactly, how costly, and what its prior looks like."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import torch
+from torch import Tensor
+from torch.utils.flop_counter import FlopCounterMode
+
+from kfit.core import Generator, frozen
+from kfit.data import ViewsDataModule
+from kfit.pose import CategoryModel
+
+# Objects of ten views each on which reconstruction is judged, of either kind, and views to which codes are fitted.
+L1_OBJECTS, L1_FITTED = 100, 50
+
+
+def novel_view_l1(model: CategoryModel, cache: Path) -> list[float]:
+    """Mean |I − Î| of pictures drawn at their true poses.
+
+    Of objects of the families held out of training, by what the encoder saw in another view; of new objects of the
+    families that training showed, as the paper's are, likewise; and of some of the first by the code that draws the
+    picture itself best, which tells what the generator can draw, whatever the encoder reads.
+    """
+    # Another seed than training's, whose objects are therefore all new.
+    data = ViewsDataModule(model.card.category, L1_OBJECTS, num_val_objects=L1_OBJECTS, cache_dir=str(cache), seed=1)
+    data.prepare_data()
+    data.setup()
+    held_out, known = data.val_pairs, data.train_pairs
+    assert held_out is not None
+    assert known is not None
+    means = []
+    for pairs in (held_out, known):
+        batches = (pairs.__getitems__(range(i, min(i + 32, len(pairs)))) for i in range(0, len(pairs), 32))
+        with torch.no_grad():
+            each = [_apart(model, batch, model.encoder(batch["source"])[0]) for batch in batches]
+        means.append(float(torch.cat(each).mean()))
+    return [*means, _fitted_l1(model, held_out.__getitems__(range(0, len(held_out), len(held_out) // L1_FITTED)))]
+
+
+def _apart(model: CategoryModel, batch: dict[str, Tensor], code: Tensor) -> Tensor:
+    drawn = model.generator(code=code, azimuth=batch["azimuth"], elevation=batch["elevation"]).image
+    apart: Tensor = (drawn - batch["target"]).abs().mean((1, 2, 3))
+    return apart
+
+
+def _fitted_l1(model: CategoryModel, batch: dict[str, Tensor]) -> float:
+    with torch.no_grad():
+        code = model.encoder(batch["target"])[0]
+    code.requires_grad_()
+    optimizer = torch.optim.Adam([code], lr=0.05)
+    for _ in range(80):
+        (code.grad,) = torch.autograd.grad(_apart(model, batch, code).sum(), code)
+        optimizer.step()
+    with torch.no_grad():
+        return float(_apart(model, batch, code).mean())
+
+
+def multiply_adds(generator: Generator) -> float:
+    """Multiplications with an addition that the convolutions and linear layers of one picture take."""
+    values = {name: torch.zeros(1, *variable.shape) for name, variable in generator.variables.items()}
+    with FlopCounterMode(display=False) as counter:
+        frozen(generator)(**values)
+    return float(counter.get_total_flops()) / 2
+
+
+def prior_samples(model: CategoryModel, count: int, seed: int) -> Tensor:
+    """Pictures (count, 3, S, S) of codes drawn from the prior N(0, 1), seen half from the side."""
+    rng = torch.Generator().manual_seed(seed)
+    code = torch.randn(count, *model.generator.variables["code"].shape, generator=rng)
+    pose = {"azimuth": torch.full((count,), 0.7 - math.pi), "elevation": torch.full((count,), 0.5)}
+    with torch.no_grad():
+        image: Tensor = model.generator(code=code, **pose).image
+    return image

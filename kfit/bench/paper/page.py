@@ -1,0 +1,179 @@
+"""The results page: the paper's tables and figures, with what made them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from kfit.bench.accuracy_page import circumstances
+from kfit.bench.paper import plots
+from kfit.bench.paper.units import ROBUST_VIEWS, STUDIED, TABLES, Measuring
+from kfit.bench.paper.variants import VARIANTS
+
+Units = Mapping[tuple[str, str], Mapping[str, NDArray[Any]]]
+# What the paper prints of REAL275: L1, AP10, AP60.
+PUBLISHED = {
+    ("1a", "without_3d"): ("0.109", "1.8", "90.2"),
+    ("1a", "without_vae"): ("0.049", "12.3", "92.7"),
+    ("1a", "full"): ("0.056", "16.5", "97.1"),
+    ("1b", "code_4"): ("0.082", "9.1", "96.6"),
+    ("1b", "full"): ("0.056", "16.5", "97.1"),
+    ("1b", "code_128"): ("0.041", "11.4", "96.0"),
+    ("2a", "full+l1"): ("", "14.3", "85.3"),
+    ("2a", "full+l2"): ("", "13.2", "88.3"),
+    ("2a", "full+ssim"): ("", "15.8", "92.5"),
+    ("2a", "full+no_prior"): ("", "16.2", "95.9"),
+    ("2a", "full"): ("", "16.5", "97.1"),
+}
+TITLES = {
+    "full+l1": "L1",
+    "full+l2": "L2",
+    "full+ssim": "SSIM",
+    "full+no_prior": "perceptual, w/o reg",
+    "full+kfit": "kfit's own (perceptual, SSIM, silhouette, prior)",
+    "field+kfit": "kfit, RGB",
+    "field+depth": "kfit, RGB-D",
+}
+HEADINGS = {
+    "1a": "Table 1a: network architectures",
+    "1b": "Table 1b: size of the code",
+    "2a": "Table 2a: energies",
+    "backbone": "Backbones at one training budget",
+    "curves": "Methods compared",
+    "robustness": "Robustness",
+}
+
+
+def title_of(unit: str, table: str = "") -> str:
+    """What a table calls a unit."""
+    if table == "2a" and unit == "full":
+        return "perceptual (full)"
+    if table == "backbone" and unit.endswith("+kfit"):
+        return f"{VARIANTS[unit.partition('+')[0]].title}, kfit's own fit"
+    return TITLES.get(unit) or VARIANTS[unit.partition("+")[0]].title
+
+
+def page(units: Units, tables: list[str], categories: list[str], how: Measuring, command: str) -> str:
+    """The page in Markdown; its figures are those of `figures`, by name beside it."""
+    trained, schedule = how.training, how.schedule
+    made = circumstances(command, {})
+    begun = "ImageNet's weights" if trained.vgg16 else "random weights"
+    lines = [
+        "# The paper's tables, on objects that kfit draws itself",
+        "",
+        f"Made by `{command}`. Every variant is trained on the same {trained.objects} objects for {trained.steps} "
+        f"steps ({32 * trained.steps:,} pairs of views), generators beside `FeatureEncoder` instead of the "
+        f"paper's encoder, the VGG16 regressor from {begun}, and judged on one view each of {how.views} objects of "
+        f"seeds, shape families and texture families held out of training (seed {how.seed}), cut out by their true "
+        f"masks. Fits take {schedule.starts} starts on an even grid and {schedule.steps} steps; three eighths of the "
+        "starts go on after step 3, an eighth after step 10. kfit's own fit starts as many, the best of four times as "
+        "many that it draws once, and half of them go on after step 4. "
+        "L1 is that of a view drawn by what the encoder saw in another one, over 1,000 views of held-out families and "
+        "over as many of new objects of the families that training showed, as the paper's test objects are; then, over "
+        "50 views of held-out families, that of the code which draws the view itself best. "
+        "Symmetric classes, and mugs whose handle is hidden, are judged by their axis. With one object a picture and "
+        f"no detector, AP at a threshold is the share of views below it; of {how.views} views one is "
+        f"{100 / how.views:.1f} points, so differences of less than {100 / how.views**0.5:.0f} points say little. "
+        f"Machine: {made['machine']['processor']}, {made['machine']['threads']} threads of {made['machine']['cores']} "
+        f"cores; torch {made['versions']['torch']}.",
+        "",
+    ]
+    for table in tables:
+        lines += [f"## {HEADINGS[table]}", ""]
+        if table == "robustness":
+            lines += _robustness_rows(units)
+        else:
+            for category in categories:
+                lines += _rows(units, table, category)
+        lines += [f"![{HEADINGS[table]}: {name}]({name}.png)\n" for name in figure_names(table, categories)]
+    return "\n".join(lines)
+
+
+def _rows(units: Units, table: str, category: str) -> list[str]:
+    published = any(key[0] == table for key in PUBLISHED)
+    head = [category, "L1", "L1, known families", "L1, code fitted", "median", "AP5", "AP10", "AP30", "AP60"]
+    head += ["translation, median"]
+    head += ["G multiply-adds"] if table == "backbone" else []
+    head += ["paper: L1", "AP10", "AP60"] if published else []
+    lines = [f"| {' | '.join(head)} |", "|---" + "|---:" * (len(head) - 1) + "|"]
+    for unit in TABLES[table]:
+        arrays = units[category, unit]
+        wrong = np.nan_to_num(arrays["rotation_deg"], nan=180.0)
+        l1 = [f"{value:.4f}" for value in arrays["l1"]] if "l1" in arrays else 3 * ["–"]
+        shift = f"{np.nanmedian(arrays['translation_cm']):.1f} cm" if "translation_cm" in arrays else "–"
+        cells = [title_of(unit, table), *l1, f"{np.median(wrong):.1f}°"]
+        cells += [f"{100 * (wrong < limit).mean():.0f}" for limit in (5, 10, 30, 60)]
+        cells += [shift, *(PUBLISHED.get((table, unit), ("", "", "")) if published else ())]
+        if table == "backbone":
+            cells += [f"{float(units[category, unit.partition('+')[0]]['multiply_adds']) / 1e9:.2f}"]
+        lines.append(f"| {' | '.join(cells)} |")
+    return [*lines, ""]
+
+
+def _robustness_rows(units: Units) -> list[str]:
+    methods = TABLES["robustness"]
+    names = [name for name in units[STUDIED, methods[0]] if name not in ("settings",)]
+    lines = [
+        f"Mean (median) rotation error over {len(units[STUDIED, methods[0]][names[0]])} views of {STUDIED}s, at most "
+        f"{ROBUST_VIEWS}; *instances* are those of training. The regressor was trained with brightness changed by up "
+        "to 40 %, up to 20 % hidden and shifts of up to 25 %, the generator with none of these; its fits start "
+        "where the mask is.",
+        "",
+        f"| change | {' | '.join(title_of(unit) for unit in methods)} |",
+        "|---|" + "---:|" * len(methods),
+    ]
+    for name in names:
+        kind, _, strength = name.partition(" ")
+        said = "none, instances of training" if kind == "instances" else f"{kind} {100 * float(strength):+.0f} %"
+        cells = []
+        for unit in methods:
+            wrong = np.nan_to_num(units[STUDIED, unit][name], nan=180.0)
+            cells.append(f"{wrong.mean():.1f}° ({np.median(wrong):.1f}°)")
+        lines.append(f"| {said} | {' | '.join(cells)} |")
+    return [*lines, ""]
+
+
+def figure_names(table: str, categories: list[str]) -> list[str]:
+    """The figures that stand below a table."""
+    return {
+        "1a": ["samples", "iterations"],
+        "curves": ["rotation", "translation", *(f"answers_{category}" for category in categories)],
+        "robustness": ["robustness"],
+    }.get(table, [])
+
+
+def figures(units: Units, tables: list[str], categories: list[str]) -> dict[str, Figure]:
+    """The figures of the tables, by name."""
+    made: dict[str, Figure] = {}
+    if "1a" in tables:
+        kinds = dict.fromkeys((*TABLES["1a"], *(TABLES["1b"] if "1b" in tables else ())))
+        rows = {f"{c}, {title_of(u)}": units[c, u]["samples"] for c in categories for u in kinds}
+        made["samples"] = plots.samples(rows)
+        made["iterations"] = plots.iterations({c: units[c, "full"] for c in categories})
+    if "curves" in tables:
+        methods = {c: {title_of(u): units[c, u] for u in TABLES["curves"]} for c in categories}
+        made["rotation"] = plots.curves(methods, "rotation_deg", "rotation error [°]", 60)
+        made["translation"] = plots.curves(methods, "translation_cm", "translation error [cm]", 20)
+        for category in categories:
+            shown = units[category, "field+kfit"]
+            boxed = {title_of(u): units[category, u] for u in ("field+kfit", "field+depth", "coordinates")}
+            made[f"answers_{category}"] = plots.side_by_side(shown["photos"], shown["camera"], boxed)
+    if "robustness" in tables:
+        made["robustness"] = plots.robustness(*_changes(units))
+    return made
+
+
+def _changes(units: Units) -> tuple[dict[str, dict[str, tuple[list[float], NDArray[Any]]]], dict[str, NDArray[Any]]]:
+    found: dict[str, dict[str, tuple[list[float], NDArray[Any]]]] = {}
+    for unit in TABLES["robustness"]:
+        arrays = units[STUDIED, unit]
+        for kind in ("brightness", "occlusion", "shift"):
+            names = [name for name in arrays if name.startswith(kind)]
+            strengths = [float(name.split(" ")[1]) for name in names]
+            found.setdefault(kind, {})[title_of(unit)] = (strengths, np.stack([arrays[name] for name in names]))
+    limits = {"brightness": (-0.4, 0.4), "occlusion": (0.0, 0.2), "shift": (0.0, 0.25)}
+    return found, {kind: np.array(limit) for kind, limit in limits.items()}

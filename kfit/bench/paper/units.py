@@ -1,0 +1,158 @@
+"""What is measured for the paper's tables, one file a category and unit, so that nothing is measured twice."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from kfit import FitPipeline
+from kfit.baselines import CoordinateRegressor, OrientationRegressor
+from kfit.bench.held_out_views import HeldOutViews, held_out_views
+from kfit.bench.paper import drawings, fits
+from kfit.bench.paper.fits import Schedule
+from kfit.bench.paper.variants import VARIANTS, Training
+from kfit.cli import pack
+from kfit.core import Observation
+from kfit.geometry import PoseNetwork
+from kfit.models import load, read_checkpoint
+from kfit.pose import CategoryModel
+from kfit.runtime.atomic_write import atomic_write
+from kfit.training.random_corruption import brightened, occluded, shifted
+
+Arrays = dict[str, NDArray[Any]]
+# A unit is a variant, or a variant and how it is fitted.
+TABLES = {
+    "1a": ("without_3d", "without_vae", "full"),
+    "1b": ("code_4", "full", "code_128"),
+    "2a": ("full+l1", "full+l2", "full+ssim", "full+no_prior", "full", "full+kfit"),
+    "backbone": ("full", "field", "full+kfit", "field+kfit"),
+    "curves": ("full", "field+kfit", "field+depth", "regressor", "coordinates", "pose_head"),
+    "robustness": ("full+robustness", "regressor+robustness"),
+}
+# Robustness is studied on the paper's category, and on so many views, for each is fitted at every strength.
+STUDIED, ROBUST_VIEWS = "laptop", 20
+SAMPLES = 6
+
+
+@dataclass(frozen=True)
+class Measuring:
+    """How units are measured.
+
+    Attributes:
+        training: of the variants.
+        schedule: of fits.
+        views: of as many unseen objects.
+        seed: chooses them.
+        tell: told what is done, and how many views of how many.
+    """
+
+    training: Training
+    schedule: Schedule
+    views: int
+    seed: int
+    tell: Callable[[str, int, int], None]
+
+    def measured(self, unit: str, category: str) -> Arrays:
+        """A unit's arrays: from its file where it was measured before in the same way, else measured now."""
+        variant, _, how = unit.partition("+")
+        checkpoint = self.training.trained(variant, category)
+        asked = {"views": self.views, "seed": self.seed, "steps": self.training.steps, **asdict(self.schedule)}
+        asked["trained"] = checkpoint.stat().st_mtime_ns
+        path = self.training.runs / category / f"{unit}.npz"
+        if path.is_file():
+            with np.load(path) as file:
+                if str(file["settings"]) == json.dumps(asked):
+                    return dict(file)
+        arrays = self._measure(variant, how, category, checkpoint) | {"settings": np.array(json.dumps(asked))}
+        atomic_write(path.parent, {path.name: lambda place: np.savez_compressed(place, **arrays)})  # type: ignore[arg-type]
+        return arrays
+
+    def _measure(self, variant: str, how: str, category: str, checkpoint: Path) -> Arrays:
+        names = VARIANTS[variant].networks
+        fitted = variant if "generator" in names else "full"
+        model = self._model(fitted, category, self.training.trained(fitted, category))
+        if how == "robustness":
+            return self._robustness(variant, category, checkpoint, model)
+        views = held_out_views(model, self.views, self.seed)
+        arrays = {
+            "photos": (255 * views.observation.image[: fits.SHOWN].permute(0, 2, 3, 1)).round().byte().numpy(),
+            "camera": views.observation.field("intrinsics")[: fits.SHOWN].numpy(),
+        }
+        if "generator" not in names:
+            return arrays | self._read_out(variant, category, checkpoint, views).arrays()
+        found = fits.by_fit(model, views, self._pipeline(model, how), self._teller(f"{category}, {variant} {how}"))
+        if not how:
+            arrays["samples"] = (255 * drawings.prior_samples(model, SAMPLES, self.seed)).round().byte().numpy()
+            arrays["l1"] = np.array(drawings.novel_view_l1(model, self.training.cache))
+            arrays["multiply_adds"] = np.array(drawings.multiply_adds(model.generator))
+            energy, rotation = fits.path_of(found.results, views, category)
+            arrays["path_energy"], arrays["path_rotation"] = np.array(energy), np.array(rotation)
+        return arrays | found.arrays()
+
+    def _robustness(self, variant: str, category: str, checkpoint: Path, model: CategoryModel) -> Arrays:
+        """Errors at each strength of each change, and of objects of the training."""
+        arrays: Arrays = {}
+        count = min(self.views, ROBUST_VIEWS)
+        unseen = held_out_views(model, count, self.seed)
+        trained = held_out_views(model, count, self.seed, training=True)
+        places = {"instances +0": trained}
+        for kind, strength in fits.levels():
+            changed = changer(kind, strength)(unseen.observation)
+            places[f"{kind} {strength:+g}"] = replace(unseen, observation=changed)
+        for number, (name, views) in enumerate(places.items()):
+            self.tell(f"{category}, {variant}, {name}", number, len(places))
+            if variant == "regressor":
+                found = self._read_out(variant, category, checkpoint, views)
+            else:
+                pipeline = fits.paper_fit(model, self.schedule, centred=False)
+                found = fits.by_fit(model, views, pipeline, lambda done: None)
+            arrays[name] = found.rotation_deg.numpy()
+        return arrays
+
+    def _pipeline(self, model: CategoryModel, how: str) -> FitPipeline:
+        if how in ("kfit", "depth"):
+            return fits.kfit_fit(model, self.schedule, how == "depth")
+        return fits.paper_fit(model, self.schedule, how if how in fits.ENERGIES else "perceptual", how != "no_prior")
+
+    def _read_out(self, variant: str, category: str, checkpoint: Path, views: HeldOutViews) -> fits.Found:
+        networks, _ = read_checkpoint(checkpoint, VARIANTS[variant].networks)
+        (network,) = networks.values()
+        if isinstance(network, OrientationRegressor):
+            return fits.by_regressor(network, views, category)
+        if isinstance(network, CoordinateRegressor):
+            return fits.by_coordinates(network, views, category)
+        assert isinstance(network, PoseNetwork)
+        return fits.by_head(network, views, category)
+
+    def _model(self, variant: str, category: str, checkpoint: Path) -> CategoryModel:
+        out = self.training.folder(variant, category) / "model.safetensors"
+        if not out.is_file() or out.stat().st_mtime_ns < checkpoint.stat().st_mtime_ns:
+            pack.run(pack.parser().parse_args([str(checkpoint), "--out", str(out)]))
+        return load(str(out))
+
+    def _teller(self, what: str) -> Callable[[int], None]:
+        return lambda done: self.tell(what, done, self.views)
+
+
+def changer(kind: str, strength: float) -> Callable[[Observation], Observation]:
+    """What changes views by one of `kfit.bench.paper.fits.levels`, each view in the same way at every strength."""
+
+    def change(seen: Observation) -> Observation:
+        image, mask, rng = seen.image, seen.field("mask"), torch.Generator().manual_seed(0)
+        if kind == "brightness":
+            image = brightened(image, mask, 1 + strength)
+        elif kind == "occlusion":
+            image, mask = occluded(image, mask, strength, rng)
+        else:
+            turn = 2 * torch.pi * torch.rand(len(image), generator=rng)
+            image, mask = shifted(image, mask, strength * torch.stack([turn.cos(), turn.sin()], 1))
+        return Observation(image, mask, seen.depth, intrinsics=seen.intrinsics, keys=seen.keys)
+
+    return change

@@ -1,0 +1,128 @@
+"""The networks that the paper compares, each trained by ``lightning fit`` with the same number of pictures."""
+
+from __future__ import annotations
+
+import shlex
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from kfit.runtime.console import log
+
+# Checkpoints are written this often, so that little is lost to an interruption.
+EPOCHS = 6
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One network.
+
+    Attributes:
+        title: what tables call it.
+        recipe: file that trains it.
+        settings: words after the recipe in which it differs.
+        networks: what `kfit.models.read_checkpoint` finds in its checkpoint; a generator's unless said.
+    """
+
+    title: str
+    recipe: str = "vae3d.yaml"
+    settings: tuple[str, ...] = ()
+    networks: tuple[str, ...] = ("generator", "encoder", "extents")
+
+
+def _code(dim: int) -> tuple[str, ...]:
+    parts = ("generator", "encoder", "extents")
+    return tuple(word for part in parts for word in (f"--model.init_args.{part}.init_args.code_dim", str(dim)))
+
+
+VARIANTS = {
+    "full": Variant("full (VAE3D, code of 16)"),
+    "without_3d": Variant("w/o 3D", settings=("--model.init_args.generator", "kfit.generators.VAE2D")),
+    "without_vae": Variant("w/o VAE", settings=("--model.init_args.kl_weight", "0")),
+    "code_4": Variant("code of 4", settings=_code(4)),
+    "code_128": Variant("code of 128", settings=_code(128)),
+    "field": Variant("RadianceField", settings=("--model.init_args.generator", "kfit.generators.RadianceField")),
+    "regressor": Variant("VGG16 regressor", "regressor.yaml", networks=("regressor",)),
+    "coordinates": Variant("NOCS-style, RGB-D", "nocs_regressor.yaml", networks=("regressor",)),
+    "pose_head": Variant("pose head alone", "pose_head.yaml", networks=("pose_head",)),
+}
+
+
+@dataclass(frozen=True)
+class Training:
+    """What every variant is trained with.
+
+    Attributes:
+        steps: of the optimizer, a multiple of `EPOCHS`; each sees as many pairs as the recipes' batch holds.
+        objects: procedural objects, with ten views each.
+        recipes: folder of the recipes.
+        cache: folder of rendered views.
+        runs: folder of trainings; one a category and variant.
+        vgg16: file of VGG16's ImageNet weights that the regressor starts from, as the paper's; None starts it from
+            nothing.
+    """
+
+    steps: int
+    objects: int
+    recipes: Path
+    cache: Path
+    runs: Path
+    vgg16: str | None = None
+
+    def folder(self, name: str, category: str) -> Path:
+        return self.runs / category / name
+
+    def command(self, name: str, category: str) -> list[str]:
+        """Words after ``lightning`` that train a variant."""
+        variant = VARIANTS[name]
+        started = ("--model.init_args.weights", self.vgg16) if name == "regressor" and self.vgg16 else ()
+        return [
+            *("fit", "-c", str(self.recipes / variant.recipe), *variant.settings, *started),
+            *("--data.category", category, "--data.num_objects", str(self.objects), "--data.batch_size", "32"),
+            *("--data.cache_dir", str(self.cache), "--trainer.default_root_dir", str(self.folder(name, category))),
+            *("--trainer.max_epochs", str(EPOCHS), "--trainer.limit_train_batches", str(self.steps // EPOCHS)),
+        ]
+
+    def checkpoint(self, name: str, category: str) -> Path | None:
+        """The newest checkpoint of a variant, finished or not."""
+        found = self.folder(name, category).glob("lightning_logs/version_*/checkpoints/last.ckpt")
+        return max(found, key=lambda path: path.stat().st_mtime, default=None)
+
+    def trained(self, name: str, category: str) -> Path:
+        """The checkpoint of a variant, trained now, or to its end, unless it is.
+
+        Raises:
+            FileNotFoundError: if there is no such recipe.
+            RuntimeError: if training fails.
+        """
+        recipe = self.recipes / VARIANTS[name].recipe
+        if not recipe.is_file():
+            raise FileNotFoundError(f"no recipe at {recipe}; run this in kfit's checkout, or say --recipes DIR")
+        folder, begun = self.folder(name, category), self.checkpoint(name, category)
+        if begun is not None and self._steps(begun) >= self.steps:
+            return begun
+        words = self.command(name, category) + ([] if begun is None else ["--ckpt_path", str(begun)])
+        folder.mkdir(parents=True, exist_ok=True)
+        log.info("training %s, %s:\n  lightning %s", category, VARIANTS[name].title, shlex.join(words))
+        self._run(words, folder / "training.log")
+        made = self.checkpoint(name, category)
+        if made is None:
+            raise RuntimeError(f"training left no checkpoint in {folder}; see training.log there")
+        return made
+
+    @staticmethod
+    def _run(words: Sequence[str], log: Path) -> None:
+        code = "import sys; from kfit.training.lightning_cli import main; main(sys.argv[1:])"
+        with log.open("ab") as file:
+            said = [*words, "--trainer.enable_progress_bar", "false"]
+            done = subprocess.run([sys.executable, "-c", code, *said], stdout=file, stderr=subprocess.STDOUT)
+        if done.returncode:
+            raise RuntimeError(f"training failed with exit status {done.returncode}; see {log}")
+
+    @staticmethod
+    def _steps(checkpoint: Path) -> int:
+        import torch
+
+        return int(torch.load(checkpoint, map_location="cpu", weights_only=True)["global_step"])

@@ -1,0 +1,29 @@
+"""What the words of `kfit pose` and `kfit video` say of the object and of the camera."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from jsonargparse import Namespace
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+
+def check_thing(args: Namespace) -> None:
+    """Refuse words that do not tell what the object is by one of --category and --model."""
+    if (args.category is None) == (args.model is None):
+        raise ValueError("say what the object is: either --category NAME or --model FILE.safetensors")
+    if args.model is not None and not args.model.endswith(".safetensors"):
+        raise ValueError(f"--model must name a .safetensors file, got {args.model}")
+
+
+def camera_of(args: Namespace) -> NDArray[np.float64] | None:
+    """The (3, 3) matrix of --intrinsics, where they are given."""
+    import numpy as np
+
+    if args.intrinsics is None:
+        return None
+    fx, fy, cx, cy = args.intrinsics
+    return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])

@@ -1,0 +1,285 @@
+"""What a pipeline's optimizer asks: how good are these rows, and which way is down?"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import AbstractContextManager, nullcontext
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor
+from torch.utils import _pytree as pytree
+
+from kfit.core import (
+    Energy,
+    Evaluation,
+    Generator,
+    Observation,
+    Prior,
+    Rendering,
+    ResidualEnergy,
+    ResidualPrior,
+    Variables,
+)
+from kfit.core.contracts import Need
+from kfit.core.rows import pictures_of
+from kfit.jacobian import JacobianProducts
+
+# Pixels that are drawn at once. On a CPU what a chunk of 16 pictures of 64 × 64 needs stays in the cache and is memory
+# that is used again: 120 at once take 1.7 times as long a picture, and 2 as long again as 16.
+CHUNK_PIXELS = {"cpu": 16 * 64 * 64}
+CHUNK_PIXELS_ELSEWHERE = 512 * 64 * 64
+
+
+class Objective:
+    """The `kfit.core.Evaluate` of one fit: draws rows, compares them with targets whose features it holds.
+
+    Rows are drawn in chunks, so that memory does not grow with their number; no row's answer depends on others. Under
+    ``torch.autocast`` the generator draws in its precision, and of the terms those compare in it that say they can.
+
+    Where a rendering has a weight, each energy compares under its product with the observation's weight, so a row's
+    energy is a mean over what both count, as in airlab's masked losses. The *overlap* of a row is
+    o = Σ w_rendering · w_observation / Σ w_observation. A row with o < ``min_overlap``, or of no overlap, cannot win:
+    its ranking energy is infinite (ITK 4 gives the largest number to rows of no valid points; elastix stops below its
+    RequiredRatioOfValidSamples, 0.25). Its descended energy has the residual √(Σ_k |w_k|) · (1 − o / min_overlap) more,
+    with the weights w_k of the energies, which leads it back.
+
+    Args:
+        generator: frozen.
+        terms: energies and priors by name, frozen.
+        rank_weights: weights by which rows are ranked.
+        observation: B problems.
+        min_overlap: least overlap of a row that may win.
+
+    Attributes:
+        weights: of the terms in the energy that is descended; the pipeline sets them before each step.
+        num_evaluations: pictures drawn so far.
+    """
+
+    def __init__(
+        self,
+        generator: Generator,
+        terms: Mapping[str, Energy | Prior],
+        rank_weights: Mapping[str, float],
+        observation: Observation,
+        min_overlap: float,
+    ) -> None:
+        self.observation, self.min_overlap = observation, min_overlap
+        self.generator, self.terms, self.rank_weights = generator, terms, rank_weights
+        self.spaces = {name: variable.space for name, variable in generator.variables.items()}
+        self.weights: dict[str, float] = {}
+        self.num_evaluations = 0
+        self.device, self.views = observation.image.device.type, observation.views
+        self.prepared: dict[str, Any] = {}
+        for name, term in self.terms.items():
+            with self._precision(term):
+                self.prepared[name] = (
+                    term.prepare(observation.select(term.on), observation.weight)
+                    if isinstance(term, Energy)
+                    else term.prepare(observation.first_views())
+                )
+        self.context = dict(generator.prepare(observation))
+        self._rows: tuple[Tensor, list[_Rows]] | None = None
+        height, width = observation.image.shape[-2:]
+        pixels = CHUNK_PIXELS.get(observation.image.device.type, CHUNK_PIXELS_ELSEWHERE)
+        self.chunk = max(1, pixels // (height * width * self.views))
+
+    def __call__(self, raw: Variables, problem: Tensor, need: Need = "value") -> Evaluation:
+        """Draw and compare.
+
+        Raises:
+            ValueError: if residuals are asked for and a term that is descended is no sum of squares.
+        """
+        chunks = [self._evaluate(part, rows, need) for part, rows in self._chunks(raw, problem)]
+        joined: Evaluation = _joined(chunks)
+        return joined
+
+    def retract(self, raw: Variables, step: Variables) -> Variables:
+        """Raw variables after a step, each in its own space."""
+        return {name: self.spaces[name].retract(tensor.detach(), step[name]) for name, tensor in raw.items()}
+
+    def linearize(self, raw: Variables, problem: Tensor) -> JacobianProducts:
+        """Draw rows once and keep their graphs, for products with the Jacobian of their residuals.
+
+        Raises:
+            ValueError: if a term that is descended is no sum of squares.
+        """
+        parts = []
+        for part, rows in self._chunks(raw, problem):
+            with torch.enable_grad():
+                steps = {name: torch.zeros_like(tensor, requires_grad=True) for name, tensor in part.items()}
+                drawn = self._draw(self.retract(part, steps), rows, "residuals")
+                parts.append((list(steps.values()), torch.cat(drawn.residuals, 1)))
+        return JacobianProducts(parts)
+
+    def energy_of(self, raw: Variables, problem: Tensor) -> Tensor:
+        """Descended energies (N,) of rows drawn at once, with the graph of ``raw`` and of the observation."""
+        return self._descended(self._draw(raw, self._gather(problem), "value"))
+
+    def _descended(self, drawn: _Drawn) -> Tensor:
+        energy = torch.stack([self.weights[name] * term for name, term in drawn.terms.items()]).sum(0)
+        return energy if drawn.missing is None else energy + drawn.missing.square()
+
+    def _evaluate(self, raw: Variables, rows: _Rows, need: Need) -> Evaluation:
+        wants = need == "gradient"
+        with torch.set_grad_enabled(wants):
+            steps = {name: torch.zeros_like(tensor, requires_grad=wants) for name, tensor in raw.items()}
+            drawn = self._draw(self.retract(raw, steps) if wants else raw, rows, need)
+            energy = self._descended(drawn)
+            gradient = self._gradient(energy, steps) if wants else None
+        ranked = [self.rank_weights.get(name, 0.0) * term.detach() for name, term in drawn.terms.items()]
+        ranking = torch.stack(ranked).sum(0)
+        if drawn.overlap is not None:
+            ranking = ranking.where((drawn.overlap > 0) & (drawn.overlap >= self.min_overlap), torch.inf)
+        return Evaluation(
+            energy=energy.detach(),
+            ranking=ranking,
+            terms={name: term.detach() for name, term in drawn.terms.items()},
+            values={name: value.detach() for name, value in drawn.values.items()},
+            gradient=gradient,
+            residuals=torch.cat(drawn.residuals, 1) if need == "residuals" else None,
+            rendering=drawn.rendering.map(Tensor.detach),
+        )
+
+    def _draw(self, raw: Variables, rows: _Rows, need: Need) -> _Drawn:
+        """Draw rows and compare them, with a graph where gradients are enabled."""
+        values = {name: self.spaces[name].to_value(tensor) for name, tensor in raw.items()}
+        rendering: Rendering = self.generator(**values, **rows.context).map(_at_least_single)
+        joint = None if rendering.weight is None else self._joint(rendering.weight, rows.picture)
+        terms: dict[str, Tensor] = {}
+        # None of them, where no term is descended.
+        residuals = [rendering.image.new_zeros(len(rows.problem), 0)]
+        for name, term in self.terms.items():
+            weight = self.weights[name]
+            if not weight and not self.rank_weights.get(name):
+                continue
+            target = rows.targets[name]
+            # What only ranks has no slope.
+            with torch.set_grad_enabled(torch.is_grad_enabled() and bool(weight)), self._precision(term):
+                if joint is not None and isinstance(term, Energy):
+                    target = term.prepare(self._rows_of(self.observation.select(term.on), rows.picture), joint)
+                selected = self._values(term, values) if isinstance(term, Prior) else rendering.select(term.on)
+                given = (selected,) if target is None else (selected, target)
+                if need == "residuals" and weight:
+                    parts = self._residuals(name, given)
+                    if isinstance(term, Energy):  # a mean over the views
+                        parts = parts.reshape(len(rows.problem), -1) / self.views**0.5
+                    residuals.append(weight**0.5 * parts)
+                    terms[name] = parts.square().sum(1)
+                else:
+                    found = term(*given) if isinstance(term, Prior) else term.compare(*given)
+                    terms[name] = found if isinstance(term, Prior) else found.view(-1, self.views).mean(1)
+        overlap = missing = None
+        if joint is not None:
+            overlap = self._overlap(joint, rows.picture)
+            missing = self._missing(overlap)
+            residuals.append(missing[:, None])
+        return _Drawn(values, rendering, terms, residuals, overlap, missing)
+
+    def _joint(self, weight: Tensor, picture: Tensor) -> Tensor:
+        """What rendering and observation both count, (N, 1, H, W)."""
+        seen = self.observation.weight
+        return weight if seen is None else weight * self._rows_of(seen, picture)
+
+    def _overlap(self, joint: Tensor, picture: Tensor) -> Tensor:
+        """What the rendering counts of what the observation counts, (N,) in [0, 1]."""
+        seen = self.observation.weight
+        if seen is None:
+            return joint.reshape(len(picture) // self.views, -1).mean(1)
+        total, both = (t.reshape(len(picture) // self.views, -1).sum(1) for t in (self._rows_of(seen, picture), joint))
+        return both / torch.where(total > 0, total, 1)
+
+    def _missing(self, overlap: Tensor) -> Tensor:
+        """The residual (N,) of what is missing of the least overlap."""
+        if not self.min_overlap:
+            return torch.zeros_like(overlap)
+        scale = sum(abs(self.weights[name]) for name, term in self.terms.items() if isinstance(term, Energy)) ** 0.5
+        return scale * (1 - overlap / self.min_overlap).clamp_min(0)
+
+    def _precision(self, term: Energy | Prior) -> AbstractContextManager[Any]:
+        """The precision around, for a term that can compare in it; else single."""
+        mixed = isinstance(term, Energy) and term.mixed
+        return nullcontext() if mixed else torch.autocast(self.device, enabled=False)
+
+    @staticmethod
+    def _values(prior: Prior, values: Variables) -> Any:
+        return values[prior.on] if isinstance(prior.on, str) else {name: values[name] for name in prior.on}
+
+    def _residuals(self, name: str, given: tuple[Any, ...]) -> Tensor:
+        term = self.terms[name]
+        if self.weights[name] < 0 or not isinstance(term, ResidualEnergy | ResidualPrior):
+            squares = [n for n, t in self.terms.items() if isinstance(t, ResidualEnergy | ResidualPrior)]
+            raise ValueError(
+                f"this optimizer needs terms that are sums of squares with weights above 0; {name!r} is not one, "
+                f"those that are: {', '.join(squares) or 'none'}"
+            )
+        return term.residuals(*given)
+
+    @staticmethod
+    def _gradient(energy: Tensor, leaves: Variables) -> Variables:
+        if not energy.requires_grad:  # no term has a weight at this step
+            return {name: torch.zeros_like(leaf) for name, leaf in leaves.items()}
+        slopes = torch.autograd.grad(energy.sum(), list(leaves.values()), allow_unused=True)
+        return {
+            name: torch.zeros_like(leaf) if slope is None else slope
+            for (name, leaf), slope in zip(leaves.items(), slopes, strict=True)
+        }
+
+    def _chunks(self, raw: Variables, problem: Tensor) -> Iterator[tuple[Variables, _Rows]]:
+        """Even parts of at most `chunk` rows; one part of none, where there are no rows.
+
+        What belongs to their problems is gathered anew only when the rows have changed.
+        """
+        rows, count = len(problem), max(1, -(-len(problem) // self.chunk))
+        self.num_evaluations += rows * self.views
+        parts = [slice(rows * part // count, rows * (part + 1) // count) for part in range(count)]
+        if self._rows is None or not torch.equal(self._rows[0], problem):
+            self._rows = (problem, [self._gather(problem[part]) for part in parts])
+        for part, gathered in zip(parts, self._rows[1], strict=True):
+            yield {name: tensor[part] for name, tensor in raw.items()}, gathered
+
+    def _gather(self, problem: Tensor) -> _Rows:
+        picture = pictures_of(problem, self.views)
+        targets = {
+            name: self._rows_of(prepared, picture if isinstance(self.terms[name], Energy) else problem)
+            for name, prepared in self.prepared.items()
+        }
+        return _Rows(problem, picture, targets, self._rows_of(self.context, problem))
+
+    @staticmethod
+    def _rows_of(targets: Any, problem: Tensor) -> Any:
+        return pytree.tree_map_only(Tensor, lambda tensor: tensor.index_select(0, problem), targets)
+
+
+class _Rows(NamedTuple):
+    """What belongs to the problems of some rows: numbers of pictures, features of targets, the context."""
+
+    problem: Tensor
+    picture: Tensor
+    targets: dict[str, Any]
+    context: dict[str, Tensor]
+
+
+class _Drawn(NamedTuple):
+    """Rows as drawn and compared; of what a generator does not vouch for, the overlap and what is missing of it."""
+
+    values: Variables
+    rendering: Rendering
+    terms: dict[str, Tensor]
+    residuals: list[Tensor]
+    overlap: Tensor | None
+    missing: Tensor | None
+
+
+def _at_least_single(tensor: Tensor) -> Tensor:
+    return tensor.to(torch.promote_types(tensor.dtype, torch.float32))
+
+
+def _joined(chunks: list[Any]) -> Any:
+    """One evaluation of all rows: what the chunks hold, tensor by tensor."""
+    first = chunks[0]
+    if isinstance(first, Tensor):
+        return torch.cat(chunks)
+    if isinstance(first, dict):
+        return {name: _joined([chunk[name] for chunk in chunks]) for name in first}
+    return None if first is None else type(first)(**_joined([vars(chunk) for chunk in chunks]))

@@ -1,0 +1,265 @@
+"""The pipeline: start, render, compare, step, select, for B problems × S starts at once."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import chain
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from kfit.core import (
+    Callback,
+    Energy,
+    Evaluation,
+    FitResult,
+    FitState,
+    Generator,
+    Initializer,
+    Observation,
+    Optimizer,
+    Prior,
+    Schedule,
+    Selector,
+    Variables,
+    frozen,
+)
+from kfit.core.check import check_count, check_dict, check_names, check_range
+from kfit.core.rows import best_first, broadcast_rows, finite
+from kfit.core.seeds import mixed_seed
+from kfit.features import FeatureNetwork
+from kfit.fitting.objective import Objective
+from kfit.fitting.recorder import Recorder
+from kfit.fitting.starts import initialize
+from kfit.runtime.devices import compile_networks
+from kfit.selectors import LowestEnergy
+
+_log = logging.getLogger(__name__)
+
+
+class FitPipeline(nn.Module):
+    """Fits a generator's variables so that its drawings explain observed pictures.
+
+    The energy of a row is E(x) = Σ_k w_k · e_k(render(x), observation) + Σ_p w_p · p(x); its gradient is that of the
+    sum over rows, so that every row walks its own path. The networks are frozen once, here; the originals are left
+    as they are.
+
+    Args:
+        generator: draws.
+        energies: energies and priors by name.
+        initializers: between them they set each of the generator's variables once.
+        optimizer: moves the rows.
+        weights: weight of each term, a number or a schedule; 1 for terms not named.
+        rank_weights: weights by which best-so-far and winner are judged; the final ``weights`` unless given, and 0
+            for terms not named.
+        selector: picks the winner among a problem's starts.
+        callbacks: progress, pruning, recording.
+        num_starts: S, starts a problem.
+        num_candidates: C ≥ S, starts a problem that initializers propose; each is drawn once, without a gradient, and
+            the S of the least ranking energy are started. All are unless given.
+        num_steps: steps of the optimizer; the last iterate is evaluated too.
+        history: whether the result's history holds the starts' values at every step, at every so many steps, or at
+            none; energies and terms, which are small, are always there.
+        min_overlap: where the generator's renderings have a weight, such as `kfit.generators.Template`'s, the least
+            share of the observation's weight that a row must cover to win. Below it the row's ranking energy is
+            infinite and a penalty leads it back; each energy is a mean over the pixels that both count. Lower it
+            where a template is smaller than a quarter of the picture.
+
+    Raises:
+        ValueError: for weights or rates of unknown names, variables that no or two initializers set, priors on unknown
+            variables, and rank weights that are all 0.
+    """
+
+    def __init__(
+        self,
+        generator: Generator,
+        energies: dict[str, Energy | Prior],
+        initializers: list[Initializer],
+        optimizer: Optimizer,
+        weights: dict[str, float | Schedule] | None = None,
+        rank_weights: dict[str, float] | None = None,
+        selector: Selector | None = None,
+        callbacks: Sequence[Callback] = (),
+        num_starts: int = 32,
+        num_steps: int = 50,
+        num_candidates: int | None = None,
+        history: bool | int = True,
+        min_overlap: float = 0.25,
+    ) -> None:
+        super().__init__()
+        check_count("num_starts", num_starts)
+        check_count("num_steps", num_steps, 0)
+        if num_candidates is not None:
+            check_count("num_candidates", num_candidates)
+            if num_candidates < num_starts:
+                raise ValueError(f"num_candidates must be at least num_starts, {num_starts}, got {num_candidates}")
+        if not isinstance(history, bool):
+            check_count("history", history)
+        check_range("min_overlap", min_overlap, 0, 1)
+        if not energies:
+            raise ValueError("energies must name at least one energy, got none")
+        for name, given, check in (("weights", weights, _check_weight), ("rank_weights", rank_weights, check_range)):
+            if given is not None:
+                check_dict(name, given, check)
+                check_names(name, given, energies)
+        for name, energy in energies.items():
+            if isinstance(energy, Prior):
+                on = [energy.on] if isinstance(energy.on, str) else energy.on
+                check_names(f"energies.{name}.on", on, generator.variables)
+        self.generator = frozen(generator)
+        self.energies = frozen(nn.ModuleDict(energies))
+        self.initializers = list(initializers)
+        self.optimizer = optimizer
+        self.weights: dict[str, float | Schedule] = {**dict.fromkeys(energies, 1.0), **(weights or {})}
+        self.rank_weights = rank_weights
+        self.selector = selector or LowestEnergy()
+        self.callbacks = list(callbacks)
+        self.num_starts, self.num_steps, self.min_overlap = num_starts, num_steps, min_overlap
+        self.history = int(history)
+        self.num_candidates = num_starts if num_candidates is None else num_candidates
+        self._check_initializers(generator)
+        if not any((rank_weights or self.weights_at(num_steps)).values()):
+            raise ValueError("rank_weights must hold a number other than 0, or no start is better than another")
+        # Initializers are no modules: what networks they hold are registered, so that `to` moves these too.
+        held = [value for initializer in self.initializers for value in vars(initializer).values()]
+        self.networks = nn.ModuleList(value for value in held if isinstance(value, nn.Module))
+        self.eval()
+        zeros = {name: torch.zeros(1, *v.raw_shape) for name, v in generator.variables.items()}
+        optimizer.init(zeros, torch.zeros(1, dtype=torch.long))
+
+    def _check_initializers(self, generator: Generator) -> None:
+        named = [name for initializer in self.initializers for name in initializer.on]
+        check_names("initializers", named, generator.variables, complete=True)
+        twice = sorted({name for name in named if named.count(name) > 1})
+        if twice:
+            raise ValueError(f"initializers: {', '.join(twice)} set by two initializers; each variable needs one")
+
+    def train(self, mode: bool = True) -> FitPipeline:
+        """Stays in evaluation mode, also as a part of a module in training: its networks are frozen."""
+        return super().train(False)
+
+    def compile(self, **kwargs: Any) -> None:  # type: ignore[override]
+        """Have the generator and the energies' feature networks compiled (`torch.compile`) when they are first used.
+
+        That takes up to a minute for each number of rows, and PyTorch keeps it on the disk. It is meant for long runs
+        on a GPU; on a CPU it did not pay. Without a C++ compiler fits go on uncompiled.
+
+        Args:
+            kwargs: as `torch.compile` takes them; modes with CUDA graphs fail, as one network draws for another.
+        """
+        networks = (module for module in self.energies.modules() if isinstance(module, FeatureNetwork))
+        compile_networks(self.generator, *networks, **kwargs)
+
+    @property
+    def device(self) -> torch.device:
+        """Where its networks compute."""
+        return next(chain(self.parameters(), self.buffers(), [torch.empty(0)])).device
+
+    def weights_at(self, step: int) -> dict[str, float]:
+        """Weights of the terms at a step, 0 to ``num_steps``."""
+        return {k: w(step, self.num_steps) if isinstance(w, Schedule) else w for k, w in self.weights.items()}
+
+    def forward(self, observation: Observation, *, seed: int | None = None) -> FitResult:
+        """Fit B problems.
+
+        Args:
+            observation: what was seen.
+            seed: with the problems' keys it decides every random number, at least 0; taken from torch's generator
+                unless given.
+
+        Raises:
+            ValueError: for an observation without pictures or without a field that an energy compares.
+            FitError: if every start of every problem became NaN or infinite.
+        """
+        if seed is not None:
+            check_count("seed", seed, 0)
+        # A fit inside `trainer.predict` finds inference mode on, under which no gradient can be asked for.
+        with torch.inference_mode(False), torch.no_grad():
+            return self._fit(observation.map(lambda tensor: tensor.clone() if tensor.is_inference() else tensor), seed)
+
+    def _fit(self, observation: Observation, seed: int | None) -> FitResult:
+        if observation.num_problems == 0:
+            raise ValueError("observation must hold at least one picture, got none")
+        seed = int(torch.randint(2**31, ())) if seed is None else seed
+        device, count = observation.image.device, observation.num_problems
+        problem = torch.arange(count, device=device).repeat_interleave(self.num_starts)
+        start = torch.arange(self.num_starts, device=device).repeat(count)
+        terms: dict[str, Energy | Prior] = dict(self.energies.items())  # type: ignore[arg-type]
+        rank_weights = self.rank_weights or self.weights_at(self.num_steps)
+        objective = Objective(self.generator, terms, rank_weights, observation, self.min_overlap)
+        with torch.autocast(device.type, enabled=False):  # it would round the starts
+            proposed = initialize(
+                self.initializers, self.generator.variables, observation.first_views(), self.num_candidates, seed
+            )
+        raw = self._likeliest(objective, proposed)
+        nothing = raw[next(iter(raw))].new_full((len(problem),), torch.inf)
+        memory = self.optimizer.init(raw, self._seeds(observation, seed))
+        state = FitState(0, self.num_steps, problem, start, raw, {}, nothing, {}, nothing, {}, memory)
+        for callback in self.callbacks:
+            callback.on_start(state)
+        recorder = Recorder(count, self.num_starts, self.history)
+        for step in range(self.num_steps + 1):
+            objective.weights = self.weights_at(step)
+            if step < self.num_steps:
+                new, seen, memory = self.optimizer.step(objective, state.raw, state.problem, state.optimizer)
+            else:  # the last iterate is only looked at
+                new, seen, memory = state.raw, objective(state.raw, state.problem), state.optimizer
+            state = self._advance(state, step, new, seen, memory)
+            recorder.record(state)
+            state = recorder.drop(state)
+            for callback in self.callbacks:
+                state = callback.on_step(state)
+            if len(state.problem) == 0:
+                break
+        result = recorder.result(state, self.selector, objective.num_evaluations)
+        _log.debug("%d steps drew %d pictures; energies %s", step, objective.num_evaluations, result.energy.tolist())
+        for callback in self.callbacks:
+            callback.on_end(result)
+        return result
+
+    def _likeliest(self, objective: Objective, raw: Variables) -> Variables:
+        """The candidates that are started, in the order in which they were proposed."""
+        if self.num_candidates == self.num_starts:
+            return raw
+        rows = len(next(iter(raw.values())))
+        problem = torch.arange(rows, device=next(iter(raw.values())).device) // self.num_candidates
+        objective.weights = self.weights_at(0)
+        # Values that are no numbers may still draw a picture.
+        ranking = objective(raw, problem).ranking
+        order, place = best_first(ranking.where(finite(raw), torch.inf), problem)
+        kept = order[place < self.num_starts].sort().values
+        return {name: tensor[kept] for name, tensor in raw.items()}
+
+    def _seeds(self, observation: Observation, seed: int) -> Tensor:
+        keys, starts = observation.keys or (0,) * observation.num_problems, range(self.num_starts)
+        seeds = [mixed_seed(seed, key, f"optimizer/{start}") for key in keys for start in starts]
+        return torch.tensor(seeds, device=observation.image.device)
+
+    def _advance(self, state: FitState, step: int, new: Variables, seen: Evaluation, memory: Any) -> FitState:
+        better = seen.ranking < state.best_energy  # False where the energy is NaN
+        best = {
+            name: value
+            if not state.best_values
+            else torch.where(broadcast_rows(better, value), value, state.best_values[name])
+            for name, value in seen.values.items()
+        }
+        broken = ~(torch.isfinite(seen.energy) & finite(new))
+        return replace(
+            state,
+            step=step,
+            raw=new,
+            values=seen.values,
+            energy=torch.where(broken, torch.nan, seen.energy),
+            terms=seen.terms,
+            best_energy=torch.where(better, seen.ranking, state.best_energy),
+            best_values=best,
+            optimizer=memory,
+        )
+
+
+def _check_weight(name: str, weight: Any) -> None:
+    if not isinstance(weight, Schedule):
+        check_range(name, weight)

@@ -1,0 +1,49 @@
+"""What a pipeline's initializers propose, each from random numbers of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import torch
+
+from kfit.core import Initializer, Observation, Variable, Variables
+from kfit.core.check import check_names
+from kfit.core.seeds import mixed_seed
+
+
+def initialize(
+    initializers: Sequence[Initializer],
+    variables: Mapping[str, Variable],
+    observation: Observation,
+    count: int,
+    seed: int,
+) -> Variables:
+    """Raw numbers (B · count, \\*shape) of each variable.
+
+    Args:
+        initializers: between them they set each variable once.
+        variables: of the generator.
+        observation: B problems.
+        count: starts a problem.
+        seed: with the problems' keys it decides the random numbers.
+
+    Raises:
+        ValueError: if an initializer sets others than it says, or in another shape.
+    """
+    rows = observation.num_problems * count
+    raw = {}
+    for initializer in initializers:
+        # Each initializer draws from its own stream, so exchanging one leaves the numbers of the others alone.
+        rngs = [
+            torch.Generator().manual_seed(mixed_seed(seed, key, ",".join(initializer.on)))
+            for key in observation.keys or (0,) * observation.num_problems
+        ]
+        values = initializer(variables, observation, count, rngs)
+        check_names(f"{type(initializer).__name__} set", values, initializer.on, complete=True)
+        for name, value in values.items():
+            expected = (rows, *variables[name].shape)
+            if tuple(value.shape) != expected:
+                came = tuple(value.shape)
+                raise ValueError(f"{type(initializer).__name__} must give {name!r} in shape {expected}, got {came}")
+            raw[name] = variables[name].space.to_raw(value.to(observation.image))
+    return {name: raw[name] for name in variables}

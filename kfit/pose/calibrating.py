@@ -1,0 +1,111 @@
+"""Fitting a calibration to held-out answers, and checking what its probabilities are worth."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize  # type: ignore[import-untyped]
+from scipy.special import expit  # type: ignore[import-untyped]
+
+from kfit.pose.confidence import Calibration
+
+FOLDS = 10
+BINS = (0.0, 0.5, 0.7, 0.8, 0.9, 0.95, 1.0)
+
+
+def calibrate(
+    told: Sequence[dict[str, float]], right: Sequence[bool], energy: Sequence[float], fits: dict[str, Any], seed: int
+) -> Calibration:
+    """A calibration from N answers of held-out views, with what a cross-validation on them gives.
+
+    Args:
+        told: what `kfit.pose.confidence.evidence` tells of each.
+        right: whether each is.
+        energy: of each.
+        fits: how they were fitted, as `kfit.pose.confidence.how_fitted` tells.
+        seed: of the views.
+    """
+    found = {"seed": seed, **reliability(cross_validated(told, right), right)}
+    return Calibration(*calibrated(told, right), float(np.quantile(energy, 0.99)), fits, len(told), found)
+
+
+def calibrated(told: Sequence[dict[str, float]], right: Sequence[bool]) -> tuple[float, dict[str, float]]:
+    """Bias and coefficients of a logistic model of N answers, in the penalised maximum of their likelihood.
+
+    The penalty is ½ Σ_k (c_k s_k)², s the standard deviations, and no c_k is below 0: what speaks for an answer must
+    not come to speak against it by chance. Right answers count as (N₊ + 1) / (N₊ + 2), wrong ones as 1 / (N₋ + 2), so
+    that a few views without a failure promise no certainty (Platt, Probabilistic outputs for support vector machines,
+    1999).
+
+    Args:
+        told: what `evidence` tells of each, all of the same names.
+        right: whether each is right.
+
+    Raises:
+        ValueError: for no answers, or numbers that differ.
+    """
+    if not told or len(told) != len(right):
+        raise ValueError(f"told and right must be of one length above 0, got {len(told)} and {len(right)}")
+    names = list(told[0])
+    rows = np.array([[one[name] for name in names] for one in told], float)
+    mean, std = rows.mean(0), rows.std(0)
+    rows = (rows - mean) / np.where(std > 1e-9, std, 1.0)
+    yes = np.asarray(right, bool)
+    target = np.where(yes, (yes.sum() + 1) / (yes.sum() + 2), 1 / ((~yes).sum() + 2))
+
+    def loss(x: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+        logit = x[0] + rows @ x[1:]
+        away = expit(logit) - target
+        value = float((np.logaddexp(0, logit) - target * logit).sum() + 0.5 * (x[1:] ** 2).sum())
+        return value, np.concatenate([[away.sum()], rows.T @ away + x[1:]])
+
+    bounds = [(None, None), *[(0.0, None)] * len(names)]
+    found = minimize(loss, np.zeros(1 + len(names)), jac=True, method="L-BFGS-B", bounds=bounds).x
+    per_unit = found[1:] / np.where(std > 1e-9, std, 1.0)
+    return float(found[0] - per_unit @ mean), dict(zip(names, per_unit.tolist(), strict=True))
+
+
+def cross_validated(told: Sequence[dict[str, float]], right: Sequence[bool]) -> list[float]:
+    """Probabilities that N ≥ 2 answers are right, each by a model of the answers of the 9 other folds."""
+    said = [0.0] * len(told)
+    for first in range(min(FOLDS, len(told))):
+        rest = [k for k in range(len(told)) if k % FOLDS != first]
+        model = Calibration(*calibrated([told[k] for k in rest], [right[k] for k in rest]), math.inf, {}, len(rest))
+        for k in range(first, len(told), FOLDS):
+            said[k] = model.probability(told[k])
+    return said
+
+
+def reliability(said: Sequence[float], right: Sequence[bool]) -> dict[str, Any]:
+    """How well N probabilities say what is right.
+
+    Returns:
+        ``right``: the share that is; ``brier``: mean (p − right)², and ``brier of the share``: the same of the share
+        said of all; ``calibration error``: Σ_b N_b / N · |mean p − share right| over bins b (Guo et al., On
+        calibration of modern neural networks, 2017); ``bins``: of each that is not empty ``from``, ``to``, ``number``,
+        ``said`` and ``right``.
+    """
+    p, yes = np.asarray(said, float), np.asarray(right, float)
+    place = np.clip(np.searchsorted(BINS, p, side="right") - 1, 0, len(BINS) - 2)
+    bins = [
+        {
+            "from": BINS[b],
+            "to": BINS[b + 1],
+            "number": int((place == b).sum()),
+            "said": float(p[place == b].mean()),
+            "right": float(yes[place == b].mean()),
+        }
+        for b in range(len(BINS) - 1)
+        if (place == b).any()
+    ]
+    return {
+        "right": float(yes.mean()),
+        "brier": float(((p - yes) ** 2).mean()),
+        "brier of the share": float(((yes.mean() - yes) ** 2).mean()),
+        "calibration error": sum(b["number"] * abs(b["said"] - b["right"]) for b in bins) / len(p),
+        "bins": bins,
+    }

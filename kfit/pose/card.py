@@ -1,0 +1,119 @@
+"""What a model file says about itself."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+from kfit.core.check import check_choice, check_dict, check_names, check_range, check_rising, check_text
+from kfit.geometry import CATEGORIES, Category
+from kfit.pose.confidence import Calibration
+
+FORMAT = 1
+# Of fits that a calibration may be of: to colour alone, and to depth too.
+KINDS = ("RGB", "RGB-D")
+NETWORKS = ("generator", "encoder", "extents")
+OPTIONAL = ("pose_head",)
+# Bytes; the bundled ones have some thousands.
+LARGEST = 10_000_000
+
+
+@dataclass
+class Card:
+    """The JSON beside a model's weights.
+
+    Attributes:
+        category: one of the NOCS categories.
+        networks: class and arguments of ``generator``, ``encoder`` and ``extents``, as recipes write them.
+        distance: of the training camera from the object's centre, in box diagonals.
+        unit_fraction: share of the picture's width that a unit diagonal at the object's centre spans, at scale 1.
+        elevation_deg: range of elevations seen in training.
+        axes: how the object stands in its frame, in words.
+        symmetry: ``"none"`` or ``"y"``.
+        mean_diagonal: in metres; what translation and size from colour alone rest on.
+        pose_weight: of what the pose head says, beside the energies of the picture.
+        training: command, data, number of pairs, seed, versions.
+        accuracy: measured figures, by the name of what they were measured on.
+        calibration: what confidence rests on, for fits of ``"RGB"`` and of ``"RGB-D"``, as far as `kfit calibrate`
+            measured them.
+        format: version of this layout.
+    """
+
+    category: str
+    networks: dict[str, dict[str, Any]]
+    distance: float
+    unit_fraction: float
+    elevation_deg: tuple[float, float]
+    axes: str
+    symmetry: str
+    mean_diagonal: float
+    pose_weight: float = 2.0
+    training: dict[str, Any] = field(default_factory=dict)
+    accuracy: dict[str, Any] = field(default_factory=dict)
+    calibration: dict[str, Calibration] = field(default_factory=dict)
+    format: int = FORMAT
+
+    def __post_init__(self) -> None:
+        check_choice("category", self.category, list(CATEGORIES))
+        check_dict("networks", self.networks, check_dict, _anything)
+        check_names("networks", self.networks, (*NETWORKS, *OPTIONAL))
+        check_range("distance", self.distance, 1, 1e6)
+        check_range("unit_fraction", self.unit_fraction, 0.1, 10)
+        check_rising("elevation_deg", self.elevation_deg, -90, 90)
+        check_text("axes", self.axes)
+        check_choice("symmetry", self.symmetry, ("none", "y"))
+        check_range("mean_diagonal", self.mean_diagonal, 1e-4, 1e4)
+        check_range("pose_weight", self.pose_weight, 0, 1e6)
+        check_dict("training", self.training, _anything)
+        check_dict("accuracy", self.accuracy, _anything)
+
+    @property
+    def known(self) -> Category:
+        """The category's entry in `kfit.geometry.CATEGORIES`."""
+        return CATEGORIES[self.category]
+
+    def write(self, path: Path) -> None:
+        """Write the card as JSON."""
+        path.write_text(json.dumps(asdict(self), indent=2) + "\n")
+
+    @staticmethod
+    def read(path: Path) -> Card:
+        """Read a card.
+
+        Raises:
+            FileNotFoundError: if there is no such file.
+            ValueError: if it is not a card of this version.
+        """
+        if not path.is_file():
+            raise FileNotFoundError(f"no model card at {path}; a model is two files, NAME.safetensors and NAME.json")
+        if (size := path.stat().st_size) > LARGEST:
+            raise ValueError(f"{path} is not a model card: it has {size:,} bytes, more than {LARGEST:,}")
+        try:
+            said = json.loads(path.read_text(encoding="utf-8"))
+        except (ValueError, RecursionError) as error:
+            raise ValueError(f"{path} is not a model card: {error}") from None
+        names = {f.name for f in fields(Card)}
+        if isinstance(said, dict):
+            said = {"calibration": {}, **said}  # cards from before there were any
+        if not isinstance(said, dict) or set(said) != names or said["format"] != FORMAT:
+            raise ValueError(
+                f"{path} is not a model card of format {FORMAT}: it must hold just {', '.join(sorted(names))}"
+            )
+        try:
+            check_dict("calibration", said["calibration"], _anything)
+            check_names("calibration", said["calibration"], KINDS)
+            calibration = {kind: Calibration.of(one) for kind, one in said["calibration"].items()}
+        except (ValueError, TypeError) as error:
+            raise ValueError(f"{path} holds a calibration that cannot be used: {error}") from None
+        try:
+            card = Card(**{**said, "calibration": calibration})
+        except (ValueError, TypeError) as error:
+            raise ValueError(f"{path} is a model card that cannot be used: {error}") from None
+        card.elevation_deg = (card.elevation_deg[0], card.elevation_deg[1])
+        return card
+
+
+def _anything(name: str, value: object) -> None:
+    """Checks nothing."""

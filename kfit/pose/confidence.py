@@ -1,0 +1,179 @@
+"""How sure an answer is: from what a fit shows to the probability that its rotation is right."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+import torch
+
+from kfit.core import FitResult
+from kfit.core.check import check_names
+from kfit.pose.result import Alternative
+
+# What probabilities of 0 and 1 are taken for, so that their logits are finite.
+LEAST = 0.01
+# The most confidence in answers to pictures unlike those of the calibration.
+DOUBTFUL = 0.5
+EVIDENCE = ("weight", "energy", "agreement", "looks")
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """A logistic model of whether an answer is right, p = σ(bias + Σ_k c_k · evidence_k), and where it holds.
+
+    Attributes:
+        bias: of the logit.
+        coefficients: c_k ≥ 0 by name of what `evidence` tells.
+        energy_99: 99 % of the held-out views' winners have a lower energy.
+        fits: how those views were fitted, as `how_fitted` tells.
+        views: number of them.
+        measured: their seed, and what a cross-validation on them gave.
+    """
+
+    bias: float
+    coefficients: dict[str, float]
+    energy_99: float
+    fits: dict[str, Any]
+    views: int
+    measured: dict[str, Any] = field(default_factory=dict)
+
+    @staticmethod
+    def of(said: Any) -> Calibration:
+        """A calibration from what a card says of it.
+
+        Raises:
+            ValueError: if something is missing, unknown or not finite.
+        """
+        names = {f.name for f in fields(Calibration)}
+        if not isinstance(said, dict) or set(said) != names:
+            raise ValueError(f"a calibration must hold just {', '.join(sorted(names))}")
+        found = Calibration(**said)
+        try:
+            check_names("coefficients", found.coefficients, EVIDENCE)
+            numbers = [
+                found.bias,
+                found.energy_99,
+                found.views,
+                *found.coefficients.values(),
+                *found.fits["weights"].values(),
+            ]
+            # The bound keeps sums of products finite.
+            fine = all(abs(number) < 1e9 for number in numbers) and isinstance(found.measured, dict)
+            fine &= set(found.fits) == {"starts", "steps", "left", "weights"}
+        except (AttributeError, KeyError, TypeError):
+            fine = False
+        if not fine:
+            raise ValueError(
+                "a calibration's bias, coefficients, energy_99, views and the weights in fits must be finite numbers "
+                "below 1e9, and fits must tell starts, steps, left and weights"
+            )
+        return found
+
+    def probability(self, told: dict[str, float]) -> float:
+        """Probability in [0, 1] that a rotation is within 20° of the truth, by what `evidence` tells of its fit."""
+        logit = self.bias + sum(c * told[name] for name, c in self.coefficients.items())
+        return float(torch.tensor(logit, dtype=torch.float64).sigmoid())
+
+    def covers(self, fit: FitResult) -> bool:
+        """Whether a fit was made as those of the calibration were: starts, steps, survivors, terms and weights.
+
+        The weights are tried on the fit's last step, whose energies must be E = Σ_k w_k · e_k by them.
+        """
+        weights, terms = self.fits["weights"], fit.history.terms
+        if set(terms) != set(weights) or how_fitted(fit, weights) != self.fits:
+            return False
+        energy = fit.history.energy[-1]
+        sums = torch.stack([weight * terms[name][-1] for name, weight in weights.items()]).sum(0)
+        there = energy.isfinite()
+        return bool(torch.allclose(sums[there], energy[there], rtol=1e-3, atol=1e-5))
+
+
+def confidence(
+    calibration: Calibration | None,
+    fit: FitResult,
+    found: Sequence[Alternative],
+    seen: float | None,
+    by_looks: Calibration | None = None,
+) -> tuple[float, str | None]:
+    """An answer's confidence in [0, 1], and a sentence where it is not calibrated or the energy is unusually high.
+
+    Where there is no calibration, or the fit was made in another way, it is the answer's share of the starts' weight;
+    where the energy is higher than 99 % of the held-out views', it is a half at most, and so it is where there is no
+    calibration of fits with depth but one without it, by whose terms the energy is as high.
+
+    Args:
+        calibration: of the model.
+        fit: of one problem.
+        found: its alternatives, the answer first.
+        seen: the share of probability that a pose head gives the answer, if there is one.
+        by_looks: of the model's fits without depth.
+    """
+    share = "it is the answer's share of the starts' weight, and no probability of being right"
+    if calibration is None:
+        said, warning = (
+            found[0].weight,
+            f"confidence not calibrated, as the model's card tells nothing of such fits: {share}",
+        )
+        if by_looks is not None and _looks_energy(fit, found[0].energy, by_looks) > by_looks.energy_99:
+            said = min(said, DOUBTFUL)
+            warning += (
+                f"; the drawing explains the look of the picture poorly, and it is {100 * DOUBTFUL:.0f} % at most"
+            )
+        return said, warning
+    told, energy = evidence(found, seen), found[0].energy
+    if not calibration.covers(fit) or not set(calibration.coefficients) <= set(told):
+        return found[0].weight, f"confidence not calibrated for a fit in another way than the model's own: {share}"
+    said = calibration.probability(told)
+    if energy > calibration.energy_99:
+        return min(said, DOUBTFUL), (
+            f"the drawing explains the picture poorly: of {calibration.views} held-out views 99 % have an energy below "
+            f"{calibration.energy_99:.2f}, this one has {energy:.2f}; the object may be unlike those of training, or "
+            f"the mask wrong, and the confidence is {100 * DOUBTFUL:.0f} % at most"
+        )
+    return said, None
+
+
+def _looks_energy(fit: FitResult, energy: float, known: Calibration) -> float:
+    """What of a winner's energy are terms that a calibration knows; 0 if the fit lacks one of them."""
+    history, weights = fit.history, known.fits["weights"]
+    if not set(weights) <= set(history.terms):
+        return 0.0
+    winner = int((history.energy.double() - energy).abs().nan_to_num(torch.inf).argmin())
+    return float(sum(weight * history.terms[name].flatten()[winner] for name, weight in weights.items()))
+
+
+def how_fitted(fit: FitResult, weights: dict[str, float]) -> dict[str, Any]:
+    """Number of starts, steps and starts left in the end of a fit, beside the weights of its terms."""
+    energy = fit.history.energy
+    left = int(energy[-1].isfinite().sum(-1).max()) if energy.dim() == 3 and len(energy) else 0
+    starts, steps = (energy.shape[2], len(energy) - 1) if energy.dim() == 3 else (0, 0)
+    return {"starts": starts, "steps": steps, "left": left, "weights": dict(weights)}
+
+
+def evidence(found: Sequence[Alternative], seen: float | None) -> dict[str, float]:
+    """What speaks for an answer; the more the surer.
+
+    - ``weight``: logit of the share w of the starts' weight that the answer has.
+    - ``energy``: −log E of the answer's energy E.
+    - ``agreement``: −log(1 + spread), in degrees, of the answer's starts.
+    - ``looks``: logit of the share of probability that a pose head gives the answer, where there is a head.
+
+    Args:
+        found: the alternatives, the answer first.
+        seen: the pose head's share.
+    """
+    answer = found[0]
+    told = {
+        "weight": _logit(answer.weight),
+        "energy": -math.log(max(answer.energy, 1e-6)),
+        "agreement": -math.log1p(answer.spread_deg),
+    }
+    return told if seen is None else told | {"looks": _logit(seen)}
+
+
+def _logit(share: float) -> float:
+    kept = min(max(share, LEAST), 1 - LEAST)
+    return math.log(kept / (1 - kept))

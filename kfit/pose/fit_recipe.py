@@ -1,0 +1,54 @@
+"""A fit written down in YAML, for any model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from jsonargparse import ArgumentError, ArgumentParser
+
+from kfit.fitting.pipeline import FitPipeline
+from kfit.generators import SimilarityWarp
+from kfit.initializers import EncoderPosterior
+from kfit.pose.category_model import CategoryModel
+from kfit.runtime.parse_errors import sentence
+from kfit.runtime.recipe_limits import check_recipe
+
+
+def fit_of(recipe: str | Path, model: CategoryModel, changes: Sequence[str] = ()) -> FitPipeline:
+    """The fit that a recipe describes, by a model and where that is.
+
+    A recipe names Python classes, whose modules are imported: take one as you take a program, from whom you trust.
+    It holds the arguments of `kfit.FitPipeline` but the generator, each part by its ``class_path``; see
+    ``recipes/fit_released.yaml``. The model gives the generator, in `kfit.generators.SimilarityWarp`; its encoder's
+    posterior, where no initializer sets the code; and its category's symmetry, for a selector that asks for one.
+
+    Args:
+        recipe: path of the YAML file.
+        model: draws.
+        changes: words that change single entries, as on a command line: ``["--num_starts", "8"]``.
+
+    Raises:
+        FileNotFoundError: if there is no such file.
+        ValueError: for a recipe that is no fit of this model, in one sentence.
+    """
+    path = Path(recipe)
+    if not path.is_file():
+        raise FileNotFoundError(f"there is no recipe {path}")
+    check_recipe(path)
+    parser = ArgumentParser(exit_on_error=False)
+    parser.add_class_arguments(FitPipeline, skip={"generator"}, instantiate=False)
+    parser.add_argument("--config", action="config")
+    try:
+        said = parser.parse_args(["--config", str(path), *changes])
+        if "selector.init_args.symmetry" in said:
+            said["selector.init_args.symmetry"] = model.card.known.symmetry
+        parts = parser.instantiate(said).as_dict()
+        parts.pop("config")
+        if all("code" not in initializer.on for initializer in parts["initializers"]):
+            parts["initializers"] = [*parts["initializers"], EncoderPosterior(model.encoder)]
+        return FitPipeline(SimilarityWarp(model.generator), **parts).to(model.device)
+    except (ArgumentError, ValueError, TypeError, RecursionError) as error:
+        told = sentence(str(error))
+        reason = "it must map names to values" if told.startswith("Unexpected config") else told
+        raise ValueError(f"{path} is no recipe of a fit: {reason}") from None

@@ -1,0 +1,110 @@
+"""From a fit's surviving starts to distinct poses with weights, and to a word of warning where they disagree."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from kfit.core import FitResult
+from kfit.geometry import (
+    PoseNetwork,
+    Symmetry,
+    energy_weights,
+    rotation_clusters,
+    rotation_error,
+    rotation_from_angles,
+    rotation_spread_deg,
+    to_opencv,
+)
+from kfit.geometry.clusters import WITHIN_DEG
+from kfit.pose.result import Alternative
+
+# An answer with less than this share of the starts' weight, or of the pose head's probability, is called ambiguous.
+MIN_START_WEIGHT, MIN_HEAD_PROBABILITY = 0.8, 0.75
+
+
+class PoseHypotheses(NamedTuple):
+    """What the ends of a fit's starts say of its answer.
+
+    Attributes:
+        alternatives: distinct poses, the answer first.
+        ambiguity: a sentence where the answer is ambiguous.
+        confidence: in [0, 1], see `kfit.pose.confidence.confidence`.
+        warning: a sentence where that is not calibrated, or the energy is unusually high.
+        seen: the share of probability that a pose head gives the answer, if there is one.
+    """
+
+    alternatives: list[Alternative]
+    ambiguity: str | None
+    confidence: float
+    warning: str | None
+    seen: float | None
+
+
+def alternatives(fit: FitResult, turn: Tensor, symmetry: Symmetry) -> list[Alternative]:
+    """Distinct poses among the surviving starts of a fit of one problem: the answer first, then by weight.
+
+    Args:
+        fit: with ``azimuth``, ``elevation`` and ``roll``.
+        turn: (3, 3) from OpenCV axes of the fitted crop to those of the photo.
+        symmetry: of the object.
+    """
+    rotation, energy = turn @ to_opencv(fitted_rotations(fit.all_values)), fit.all_energy.double()
+    weight = energy_weights(energy)
+    first = energy.masked_fill(fit.all_start == fit.start[0], -torch.inf)  # the winner's cluster, whatever chose it
+    cluster = rotation_clusters(rotation, first, symmetry)
+    groups = []
+    for number in range(int(cluster.max()) + 1):
+        rows = (cluster == number).nonzero()[:, 0]
+        best = rows[first[rows].argmin()]
+        spread = rotation_spread_deg(rotation[rows], weight[rows], rotation[best], symmetry)
+        share = float(weight[rows].sum())
+        groups.append(Alternative(rotation[best].numpy(), float(energy[best]), share, float(spread)))
+    return groups[:1] + sorted(groups[1:], key=lambda group: -group.weight)
+
+
+def head_probability(fit: FitResult, pose_log_probabilities: Tensor, head: PoseNetwork, symmetry: Symmetry) -> float:
+    """Probability that a pose head gives, by the picture alone, to poses within 20° of the answer of one problem.
+
+    Args:
+        fit: with ``azimuth``, ``elevation`` and ``roll``.
+        pose_log_probabilities: (A, E) log-probabilities that it saw in the picture.
+        head: whose they are; it tells azimuth and elevation, and the answer's roll is taken for its own.
+        symmetry: of the object.
+    """
+    share, roll = pose_log_probabilities.double().exp(), fit.values["roll"].double()[0]
+    azimuth, elevation = (angles.double().cpu() for angles in (head.azimuths, head.elevations))
+    poses = rotation_from_angles(azimuth[:, None], elevation, roll)
+    near = rotation_error(fitted_rotations(fit.values)[0], poses, symmetry).rad2deg() <= WITHIN_DEG
+    return float(share[near].sum())
+
+
+def ambiguity_warning(found: list[Alternative], seen: float | None, symmetry: Symmetry) -> str | None:
+    """A sentence where the answer is ambiguous, None where it is not.
+
+    It is where the answer has less than 0.8 of the starts' weight, or of the pose head's probability less than 0.75
+    within 20°. On the 200 views of unseen mugs by which the latter was chosen, it told 60 % of the hidden handles (half
+    of them were found within 9° all the same), 60 % of the wrong answers and 5 % of the right ones.
+
+    Args:
+        found: the answer first.
+        seen: the share of probability that a pose head gives the answer, if there is one.
+        symmetry: of the object.
+    """
+    if len(found) > 1 and found[0].weight < MIN_START_WEIGHT:
+        answer, other = (torch.from_numpy(group.rotation) for group in found[:2])
+        away = float(rotation_error(answer, other, symmetry).rad2deg())
+        return (
+            f"ambiguous: the answer has {100 * found[0].weight:.0f} % of the starts' weight, and a pose {away:.0f}° "
+            f"away explains the picture nearly as well ({100 * found[1].weight:.0f} %)"
+        )
+    if seen is not None and seen < MIN_HEAD_PROBABILITY:
+        return f"ambiguous: by its looks alone the picture fits this pose with a probability of only {100 * seen:.0f} %"
+    return None
+
+
+def fitted_rotations(values: dict[str, Tensor]) -> Tensor:
+    """Rotations (N, 3, 3) of a fit's values, in the generator's frame."""
+    return rotation_from_angles(*(values[name].double() for name in ("azimuth", "elevation", "roll")))

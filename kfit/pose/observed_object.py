@@ -1,0 +1,119 @@
+"""An object in a photo, made ready to be fitted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from torch import Tensor
+
+from kfit.core import Observation
+from kfit.geometry import Crop, observed
+from kfit.geometry.crop import MARGIN
+from kfit.pose.inputs import as_photo, choose_camera, choose_depth, choose_mask
+from kfit.segmentation import Photo, Segmenter, load_segmenter, mask_from_alpha, read_photo
+
+# Notes, with which an answer's confidence is held down.
+PLAIN = "the object shows one colour: nothing but its outline tells its pose, and the confidence is 50 % at most"
+WHOLE = "the mask is the whole picture: it tells no outline, and the confidence is 50 % at most"
+_LEAST_SPREAD = 0.01
+
+
+@dataclass(frozen=True)
+class ObservedObject:
+    """What is seen of one object, and where.
+
+    Attributes:
+        observation: one problem for a `kfit.FitPipeline`.
+        image: (H, W, 3) RGB in [0, 1], the whole photo.
+        mask: (H, W) that was used.
+        crop: the square that the observation shows.
+        intrinsics: (3, 3) of the photo.
+        intrinsics_from: "given", "EXIF" or "assumed".
+        notes: sentences on what was assumed, and where the object is cut off or small.
+    """
+
+    observation: Observation
+    image: NDArray[np.float32]
+    mask: NDArray[Any]
+    crop: Crop
+    intrinsics: Tensor
+    intrinsics_from: str
+    notes: tuple[str, ...]
+
+    @staticmethod
+    def of(
+        image: str | Path | Photo | NDArray[Any],
+        category: str,
+        size: int,
+        mask: NDArray[Any] | None = None,
+        box: tuple[float, float, float, float] | None = None,
+        intrinsics: NDArray[Any] | Tensor | None = None,
+        depth: NDArray[Any] | None = None,
+        segmenter: str | Path | Segmenter | None = None,
+    ) -> ObservedObject:
+        """Find the object and cut it out, as `kfit.pose.CategoryModel.pose` says.
+
+        Args:
+            image, mask, box, intrinsics, depth, segmenter: as there.
+            category: that a segmenter is to look for.
+            size: of the picture in pixels.
+
+        Raises:
+            FileNotFoundError, ValueError: for what cannot be used, in one sentence.
+        """
+        notes: list[str] = []
+        alpha, known = None, None
+        if isinstance(image, str | Path | Photo):
+            photo = image if isinstance(image, Photo) else read_photo(image)
+            pixels, known = photo.image, photo.intrinsics
+            alpha = None if photo.alpha is None else mask_from_alpha(photo.alpha)
+        else:
+            pixels = as_photo(image)
+        if isinstance(segmenter, str | Path):
+            segmenter = load_segmenter(segmenter)
+        found = choose_mask(pixels, mask, box, alpha, segmenter, category, notes)
+        camera, came_from = choose_camera(pixels, intrinsics, known, notes)
+        crop = Crop.around(found, size)
+        notes += [note for note in (cut_off(found), too_small(crop)) if note is not None]
+        if depth is None:
+            observation = crop.cut(pixels, found)
+        else:
+            observation = observed(crop, pixels, found, choose_depth(depth, found), camera.double())
+            if not bool(observation.field("depth").isfinite().any()):
+                raise ValueError(f"depth is known at too few pixels of the object: none is left in its {size} x {size}")
+        notes += [PLAIN] * _is_plain(observation) + [WHOLE] * bool((found > 0.5).all())
+        return ObservedObject(observation, pixels, found, crop, camera, came_from, tuple(notes))
+
+
+def _is_plain(observation: Observation) -> bool:
+    """Whether the object's colours, each in [0, 1], have a standard deviation below 0.01."""
+    seen = observation.field("image")[0].flatten(1)[:, observation.field("mask")[0, 0].flatten() > 0.9]
+    return seen.shape[1] > 1 and float(seen.std(1).max()) < _LEAST_SPREAD
+
+
+def cut_off(mask: NDArray[Any]) -> str | None:
+    """A sentence where an object's mask (H, W) touches the picture's border."""
+    edges = {"left": mask[:, 0], "right": mask[:, -1], "top": mask[0], "bottom": mask[-1]}
+    touched = [name for name, edge in edges.items() if bool((np.asarray(edge) > 0.5).any())]
+    if not touched:
+        return None
+    where = " and ".join(filter(None, [", ".join(touched[:-1]), touched[-1]]))
+    return (
+        f"the mask touches the picture's border ({where}): the object may be cut off, and what lies outside is taken "
+        "for background"
+    )
+
+
+def too_small(crop: Crop) -> str | None:
+    """A sentence where the photo has fewer pixels for an object than the generator draws, so that it is magnified."""
+    if crop.side >= crop.size:
+        return None
+    box, needed = crop.side / MARGIN, crop.size / MARGIN
+    return (
+        f"the object is small: the longer side of its box has {box:.0f} pixels, and the drawing that is fitted to it "
+        f"{needed:.0f}; little of it can be told"
+    )

@@ -1,0 +1,236 @@
+"""Following one object from frame to frame."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from kfit.core import Observation, Rendering, Variables, frozen
+from kfit.core.check import check_count
+from kfit.energies import L2, PosePrior, Silhouette
+from kfit.fitting.pipeline import FitPipeline
+from kfit.generators import SimilarityWarp
+from kfit.generators.similarity_warp import warp
+from kfit.geometry import Crop
+from kfit.initializers import PosePosterior
+from kfit.optimizers import GaussNewton
+from kfit.pose.category_model import CategoryModel
+from kfit.pose.defaults import default_energies
+from kfit.pose.inputs import as_photo, choose_mask
+from kfit.pose.result import PoseResult
+from kfit.segmentation import Photo, mask_in_photo, read_photo
+from kfit.tracking.fixed_rendering import FixedRendering, FixedStart
+from kfit.tracking.tracked_pose import TrackedPose
+
+# Of differences in roll, shift and scale, in raw units: two degrees and two thirds of a pixel.
+LENGTHS = {"roll": 0.012, "shift": 0.02, "scale": 0.02}
+STEPS = 3
+# About the silhouette, in shares of the grid in which the mask is looked for: after a good mask, and after a bad one.
+BAND, WIDE_BAND = 0.05, 0.09
+# Overlap of drawing and mask below which the object is looked for anew, and above which a mask is held to be good.
+LOST, GOOD = 0.6, 0.85
+# Times the usual energy above which it is, too, and how fast what is usual follows.
+UNUSUAL, LEARNING = 2.0, 0.2
+# Share of the last motion in what is expected of the next.
+MOMENTUM = 0.5
+
+
+class Tracker:
+    """What `track` knows of the object from frame to frame; hand it the frames one by one, as they come.
+
+    Args:
+        model: with a pose head.
+        first: its answer to the first frame.
+        seed: decides the random numbers where the object must be looked for anew.
+
+    Attributes:
+        last: where the object was in the last frame.
+        num_drawn: pictures drawn in frames that were followed.
+    """
+
+    def __init__(self, model: CategoryModel, first: PoseResult, seed: int = 0) -> None:
+        check_count("track: seed", seed, 0)
+        if model.pose_head is None:
+            raise ValueError(f"track: the model of {model.card.category} has no pose head, which following rests on")
+        self.model, self.seed, self.num_drawn = model, seed, 0
+        self.reads, self.says = PosePosterior(model.pose_head), PosePrior(model.pose_head)
+        self.energies, self.starts = default_energies(), FixedStart()
+        # Features are too rough for so long differences: with EfficientNet's, Gauss-Newton hardly moves.
+        self.place = FitPipeline(
+            FixedRendering(),
+            {"image": L2(), "silhouette": Silhouette()},
+            [FixedStart(("roll", "shift", "scale"))],
+            GaussNewton(LENGTHS),
+            num_starts=1,
+            num_steps=STEPS,
+        )
+        self._start(first)
+
+    def _start(self, first: PoseResult) -> None:
+        values = first.fit.values
+        self.code, self.size = values["code"], first.size
+        self.values = {name: values[name].clone() for name in ("azimuth", "elevation", "roll", "shift", "scale")}
+        self.motion = {name: torch.zeros_like(self.values[name]) for name in ("azimuth", "elevation", "roll")}
+        self.crop, self.drift = first.crop, (0.0, 0.0, 1.0)
+        self.camera = torch.from_numpy(first.intrinsics)
+        self.bound = frozen(self.model.generator).bind(code=self.code[0])
+        self.rank = FitPipeline(
+            SimilarityWarp(self.bound),
+            {**{name: energy for name, (energy, _) in self.energies.items()}, "pose": self.says},
+            [self.starts],
+            GaussNewton({**dict.fromkeys(self.motion, 0.01), **LENGTHS}),
+            weights={
+                **{name: weight for name, (_, weight) in self.energies.items()},
+                "pose": self.model.card.pose_weight,
+            },
+            num_starts=2,
+            num_steps=0,
+        )
+        self.usual = first.energy
+        self.last = self._told(first.energy, first.mask, first.observation, self._drawn(), anew=True)
+
+    def __call__(self, frame: str | Path | Photo | NDArray[Any], mask: NDArray[Any] | None = None) -> TrackedPose:
+        """Find the object in the next frame.
+
+        Args:
+            frame: as large as the ones before.
+            mask: (H, W), above 0 on the object, empty where it is not to be seen; else it is found.
+
+        Returns:
+            Where it is; where nothing stands out, where it was, with no overlap.
+
+        Raises:
+            ValueError: for a frame or mask that cannot be used.
+        """
+        if isinstance(frame, str | Path):
+            frame = read_photo(frame)
+        pixels = frame.image if isinstance(frame, Photo) else as_photo(frame)
+        if pixels.shape[:2] != self.last.mask.shape:
+            raise ValueError(f"frame must be as large as the first, {self.last.mask.shape}, got {pixels.shape[:2]}")
+        if mask is not None and not np.any(np.asarray(mask) > 0):
+            return self._unseen()
+        if mask is not None:
+            found = choose_mask(pixels, mask, None, None, None, self.model.card.category, [])
+        else:
+            nearby = self._nearby(pixels)
+            if nearby is None:
+                return self._anew(pixels)
+            found = nearby
+        before, values = self.last.crop, self.values
+        self.crop = Crop.around(found, self.model.image_size)
+        self.drift = (
+            self.crop.centre[0] - before.centre[0],
+            self.crop.centre[1] - before.centre[1],
+            self.crop.side / before.side,
+        )
+        seen = self.crop.cut(pixels, found)
+        energy = self._pose(seen)
+        drawn = self._placed(seen)
+        for name in self.motion:
+            self.motion[name] = MOMENTUM * (self.motion[name] + _wrapped(self.values[name] - values[name]))
+        self.last = self._told(energy, found, seen, drawn, anew=False)
+        lost = self.last.overlap < LOST or energy > UNUSUAL * self.usual
+        self.usual += LEARNING * (min(energy, UNUSUAL * self.usual) - self.usual)
+        return self._anew(pixels) if mask is None and lost else self.last
+
+    def _pose(self, seen: Observation) -> float:
+        """Choose azimuth and elevation; the least energy."""
+        moved = self.values | {name: self.values[name] + self.motion[name] for name in self.motion}
+        told = self.values | self._read(seen)
+        self.starts.values = {name: torch.cat([moved[name], told[name]]) for name in moved}
+        best = self.rank(seen, seed=0)
+        self.num_drawn += 3  # the two, and the winner once more
+        self.values = dict(best.values)
+        return float(best.energy[0])
+
+    def _read(self, seen: Observation) -> Variables:
+        """Azimuth and elevation that what the head says fits best, about its likeliest bin: on a grid, then a finer."""
+        start = self.reads({}, seen, 1, [])
+        found = {name: value.to(self.values["azimuth"]) for name, value in start.items()}
+        said = self.says.prepare(seen)
+        for reach_deg in (8.0, 1.0):
+            around = torch.linspace(-1, 1, 17) * math.radians(reach_deg)
+            azimuth_offset, elevation_offset = torch.meshgrid(around, around, indexing="ij")
+            tried = {
+                "azimuth": found["azimuth"] + azimuth_offset.flatten(),
+                "elevation": found["elevation"] + elevation_offset.flatten(),
+            }
+            with torch.no_grad():
+                best = self.says(tried, said.expand(len(tried["azimuth"]), -1, -1)).argmin()
+            found = {name: value[best : best + 1] for name, value in tried.items()}
+        return found
+
+    def _placed(self, seen: Observation) -> Rendering:
+        """Fit roll, shift and scale of the one drawing, and what it is then."""
+        drawn = self._drawn()
+        self.place.generator.drawn = drawn  # type: ignore[assignment]
+        own = {name: self.values[name] for name in LENGTHS}
+        self.place.initializers[0].values = own  # type: ignore[attr-defined]
+        self.values = self.values | self.place(seen, seed=0).values
+        return drawn
+
+    def _drawn(self) -> Rendering:
+        with torch.no_grad():
+            drawn: Rendering = self.bound(azimuth=self.values["azimuth"], elevation=self.values["elevation"])
+        return drawn
+
+    def _told(
+        self, energy: float, mask: NDArray[np.float32], seen: Observation, drawn: Rendering, anew: bool
+    ) -> TrackedPose:
+        """The answer, and what the next frame begins with."""
+        own = {name: self.values[name] for name in LENGTHS}
+        with torch.no_grad():
+            picture = warp(drawn, **own)
+            self.silhouette = picture.field("mask")[0, 0]
+            away = self.silhouette.minimum(seen.field("mask")[0, 0]).sum()
+            overlap = away / self.silhouette.maximum(seen.field("mask")[0, 0]).sum()
+            rotation, translation, _ = self.model.placed(self.values, self.crop, self.camera)
+        return TrackedPose(
+            rotation[0].numpy(),
+            translation[0].numpy(),
+            self.size,
+            energy,
+            float(overlap),
+            anew,
+            self.camera.double().numpy(),
+            mask,
+            self.crop,
+            picture.image[0].movedim(0, -1).numpy(),
+            self.silhouette.numpy(),
+        )
+
+    def _nearby(self, pixels: NDArray[np.float32]) -> NDArray[np.float32] | None:
+        """The mask about where the silhouette should be."""
+        self.crop = self._expected()
+        band = BAND if self.last.overlap > GOOD else WIDE_BAND
+        return mask_in_photo(pixels, self.silhouette.numpy(), self.crop, band)
+
+    def _expected(self) -> Crop:
+        """The crop, had the object moved as it did last."""
+        (x, y), (right, down, larger) = self.crop.centre, self.drift
+        return replace(self.crop, centre=(x + right, y + down), side=self.crop.side * larger)
+
+    def _anew(self, pixels: NDArray[np.float32]) -> TrackedPose:
+        """Fit the frame from nothing, in the box where the object should be."""
+        left, top = (middle - self.crop.side / 2 for middle in self.crop.centre)
+        box = (left, top, self.crop.side, self.crop.side)
+        try:
+            self._start(self.model.pose(pixels, box=box, intrinsics=self.camera, seed=self.seed))
+        except ValueError:  # nothing stands out there; perhaps it will in the next
+            return self._unseen()
+        return self.last
+
+    def _unseen(self) -> TrackedPose:
+        self.last = replace(self.last, overlap=0.0, anew=False)
+        return self.last
+
+
+def _wrapped(angle: Tensor) -> Tensor:
+    return (angle + math.pi) % (2 * math.pi) - math.pi

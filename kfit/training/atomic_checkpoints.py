@@ -1,0 +1,34 @@
+"""Checkpoints that are whole or not there, also where a disk fills up or a training is killed while one is written."""
+
+from __future__ import annotations
+
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import torch
+from lightning.fabric.plugins import TorchCheckpointIO
+
+from kfit.runtime.atomic_write import atomic_write
+
+
+class AtomicCheckpoints(TorchCheckpointIO):
+    """Writes each checkpoint beside its place and puts it there once it is on the disk.
+
+    Lightning writes it to the folder of temporary files, and where that is on another disk copies it over the last one:
+    what ends the copy leaves neither.
+    """
+
+    def save_checkpoint(self, checkpoint: dict[str, Any], path: str | Path, storage_options: Any | None = None) -> None:
+        """Write a checkpoint; one that goes to a store on the network as Lightning does.
+
+        Raises:
+            OSError: naming the file, if there is no room; the checkpoint that was there stays.
+        """
+        if "://" in str(path):
+            super().save_checkpoint(checkpoint, path, storage_options)
+            return
+        # From memory, as torch's own writer does not say what the system refused.
+        written, place = BytesIO(), Path(path)
+        torch.save(checkpoint, written)
+        atomic_write(place.parent, {place.name: lambda aside: aside.write_bytes(written.getbuffer())})

@@ -1,0 +1,172 @@
+"""``lightning fit -c recipe.yaml``: Lightning's command line over kfit's parts and anybody's own."""
+
+from __future__ import annotations
+
+import logging
+import os
+import warnings
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+from jsonargparse import ArgumentError
+from lightning.fabric.plugins import TorchCheckpointIO
+from lightning.pytorch import Callback, LightningDataModule, LightningModule, Trainer
+from lightning.pytorch.callbacks import LearningRateMonitor
+from lightning.pytorch.cli import LightningArgumentParser, LightningCLI
+from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger
+
+from kfit.geometry.categories import CATEGORIES, Category
+from kfit.runtime.console import see_working_folder, session
+from kfit.runtime.help_page import HelpPage
+from kfit.runtime.parse_errors import sentence
+from kfit.runtime.recipe_limits import check_recipe
+from kfit.training import AtomicCheckpoints, ConditionalVAE, PictureGrid
+
+# Arguments of the model's parts that the category of the data decides, where a part has such an argument.
+KNOWN: dict[str, Callable[[Category], object]] = {
+    "generator.init_args.unit_fraction": lambda category: category.unit_fraction,
+    "pose_head.init_args.symmetry": lambda category: category.symmetry,
+    "regressor.init_args.symmetry": lambda category: category.symmetry,
+    "symmetry": lambda category: category.symmetry,
+    "unit_fraction": lambda category: category.unit_fraction,
+}
+# The same of procedural objects alone: somebody's meshes may be of any shape.
+KNOWN_OF_PROCEDURAL: dict[str, Callable[[Category], object]] = {
+    "generator.init_args.sides": lambda category: list(category.sides),
+}
+COMMANDS = {
+    "fit": "kfit fit -c recipes/radiance_field.yaml --data.category mug",
+    "validate": "kfit validate -c recipes/smoke.yaml --ckpt_path last.ckpt",
+    "test": "kfit test -c recipes/smoke.yaml --ckpt_path last.ckpt",
+    "predict": "kfit predict -c recipes/fit_dataset.yaml --data.root NOCS --data.split real_test --model.out results",
+}
+"""Examples by command."""
+# What Lightning and torch say to each other, of which nobody who trains has to know.
+NEEDLESS = (r"`isinstance\(treespec, LeafSpec\)` is deprecated", r"Precision .* is not supported by the model summary")
+# Elsewhere than in training the state of training's callbacks is of no use; averaged weights are those that a
+# checkpoint holds.
+NEEDLESS_ELSEWHERE = (
+    r"You're using the WeightAveraging callback, but loading",
+    r"The dirpath has changed from",
+    r"Be aware that when using `ckpt_path`, callbacks",
+)
+
+
+class _CLI(LightningCLI):
+    def parse_arguments(self, parser: LightningArgumentParser, args: Any) -> None:
+        """Understand the words, or raise a ValueError of one sentence."""
+        try:
+            super().parse_arguments(parser, args)
+        except (ArgumentError, TypeError) as error:
+            command = " ".join(["kfit", *(word for word in args[:1] if word in COMMANDS)])
+            told = sentence(str(error))
+            if told.startswith("Problems parsing config"):  # it does not say of which file
+                recipes = [name for option, name in pairwise(args) if option in ("-c", "--config")]
+                told = f"{', '.join(recipes)}: {told}"
+            raise ValueError(f"{told}; `{command} --help` tells more") from None
+
+    def instantiate_classes(self) -> None:
+        """Build the parts; of what one of them refuses, the sentence that it says."""
+        try:
+            super().instantiate_classes()
+        except ValueError as error:
+            raise ValueError(sentence(str(error))) from error
+
+    def before_instantiate_classes(self) -> None:
+        if self.subcommand == "predict":
+            self.save_config_callback = None  # it would write into the working folder; results tell their settings
+        # Not `link_arguments`: checkpoints leave out what it fills in, and could not be rebuilt.
+        config = self.config.get(str(self.subcommand), self.config)
+        category = CATEGORIES.get(str(config.get("data.init_args.category")))
+        drawn = all(config.get(f"data.init_args.{source}") is None for source in ("meshes", "views"))
+        for argument, known in {**KNOWN, **(KNOWN_OF_PROCEDURAL if drawn else {})}.items():
+            if category is not None and f"model.init_args.{argument}" in config:
+                config[f"model.init_args.{argument}"] = known(category)
+
+    def instantiate_trainer(self, **kwargs: Any) -> Trainer:
+        """The recipe's trainer; unless it says otherwise with TensorBoard's and CSV logs in one folder.
+
+        A fit with a logger of any kind logs its learning rate, and pictures where the model draws some.
+        """
+        said = self._get(self.config_init, "trainer", default={})
+        logger, callbacks = said.get("logger"), said.get("callbacks") or []
+        if logger in (None, True) and self.subcommand != "predict" and not said.get("barebones"):
+            root = said.get("default_root_dir") or os.getcwd()
+            # The first one finds the number of the version, and minds a folder that is not empty.
+            table = CSVLogger(root)
+            logger = [table, TensorBoardLogger(root, version=table.version, default_hp_metric=False)]
+            kwargs["logger"] = logger
+        if self.subcommand == "fit" and logger:
+            callbacks = list(callbacks) if isinstance(callbacks, list) else [callbacks]
+            usual: list[Callback] = [LearningRateMonitor()]
+            usual += [PictureGrid()] if isinstance(self.model, ConditionalVAE) else []
+            named = {type(callback) for callback in callbacks}
+            kwargs["callbacks"] = callbacks + [callback for callback in usual if type(callback) not in named]
+        trainer = super().instantiate_trainer(**kwargs)
+        # Those that a recipe or a strategy brings know better how they are to be written.
+        if type(trainer.strategy.checkpoint_io) is TorchCheckpointIO:
+            trainer.strategy.checkpoint_io = AtomicCheckpoints()
+        return trainer
+
+
+def main(args: Sequence[str] | None = None) -> None:
+    """Run Lightning's command line: fit, validate, test or predict, as a recipe says.
+
+    Parts are named by import path (``class_path``), so a class in a file of the working folder serves as it is.
+    `kfit.runtime.console.ENDINGS` tells how it ends.
+
+    Args:
+        args: words after the program's name; those of the process unless given.
+    """
+    with session(args) as words:
+        run(words)
+
+
+def run(words: Sequence[str], callbacks: Sequence[Callback] = ()) -> None:
+    """What Lightning's command line does with these words, and with callbacks beside the recipe's."""
+    for before, word in zip(["", *words], words, strict=False):
+        place = word.partition("=")[2] if word.startswith("--config=") else word
+        if (before in ("-c", "--config") or place.endswith((".yaml", ".yml"))) and Path(place).is_file():
+            check_recipe(place)
+    see_working_folder()
+    # It would be said of all words that are not the process's own to the letter.
+    warnings.filterwarnings("ignore", message="LightningCLI's args parameter")
+    for needless in NEEDLESS + (() if words[:1] == ["fit"] else NEEDLESS_ELSEWHERE):
+        warnings.filterwarnings("ignore", message=needless)
+    logging.getLogger("lightning.pytorch.utilities.rank_zero").addFilter(_is_no_advertisement)
+    defaults: dict[str, Any] = {"callbacks": list(callbacks)} if callbacks else {}
+    if not (log := logging.getLogger("kfit")).isEnabledFor(logging.WARNING):
+        for part in ("pytorch", "fabric"):
+            logging.getLogger(f"lightning.{part}").setLevel(log.level)
+        defaults |= {"enable_progress_bar": False, "enable_model_summary": False}
+    _CLI(
+        LightningModule,
+        LightningDataModule,
+        subclass_mode_model=True,
+        subclass_mode_data=True,
+        auto_configure_optimizers=False,
+        seed_everything_default=0,
+        trainer_defaults=defaults or None,
+        save_config_kwargs={"overwrite": True},
+        # The usage that would be listed otherwise names some eighty options.
+        parser_kwargs={
+            "prog": "kfit",
+            "formatter_class": HelpPage,
+            "exit_on_error": False,
+            **{
+                name: {
+                    "exit_on_error": False,
+                    "usage": f"kfit {name} -c RECIPE [--OPTION VALUE …]",
+                    "epilog": f"example:\n  {example}",
+                }
+                for name, example in COMMANDS.items()
+            },
+        },
+        args=list(words),
+    )
+
+
+def _is_no_advertisement(record: logging.LogRecord) -> bool:
+    return "Tip: For seamless cloud" not in record.getMessage()

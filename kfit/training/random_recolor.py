@@ -1,0 +1,36 @@
+"""What a pose head must see past: colours."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from kfit.core.check import check_range
+
+
+class RandomRecolor:
+    """Mixes the channels of pictures at random and bends their tones; white stays white.
+
+    c' = (M c)^γ, the rows of M random shares that sum to 1 in half of the pictures and M = 1 in the others, and
+    ln γ normal.
+
+    Args:
+        gamma: standard deviation of ln γ.
+
+    Raises:
+        ValueError: for a negative one.
+    """
+
+    def __init__(self, gamma: float = 0.5) -> None:
+        check_range("RandomRecolor: gamma", gamma, 0, 3)
+        self.gamma = gamma
+
+    def __call__(self, image: Tensor) -> Tensor:
+        """(N, 3, S, S) in [0, 1] → the same, each picture its own way, drawn from torch's random numbers."""
+        rows = len(image)
+        shares = (torch.rand(rows, 3, 3, device=image.device, dtype=image.dtype) + 0.05).square()
+        shares = shares / shares.sum(2, keepdim=True)
+        kept = torch.rand(rows, 1, 1, device=image.device) < 0.5
+        mix = torch.where(kept, torch.eye(3, device=image.device, dtype=image.dtype), shares)
+        bend = torch.exp(self.gamma * torch.randn(rows, 1, 1, 1, device=image.device, dtype=image.dtype))
+        return torch.einsum("nij,njhw->nihw", mix, image).clamp(0, 1) ** bend

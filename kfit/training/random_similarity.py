@@ -1,0 +1,44 @@
+"""What an encoder must see past: pictures cut out a little turned, shifted or scaled."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import Tensor
+
+from kfit.core import Rendering
+from kfit.core.check import check_range
+from kfit.generators.similarity_warp import warp
+
+
+class RandomSimilarity:
+    """Turns, shifts and scales pictures at random by `kfit.generators.SimilarityWarp`'s warp, white outside.
+
+    Crops of photos centre the object's outline and fill the frame with it, while a generator's views centre the
+    object's box and keep its size; an encoder trained on jittered views takes both.
+
+    Args:
+        roll_deg: largest turn.
+        shift: largest shift, in half-widths.
+        scale: largest factor; sizes are drawn log-evenly between its inverse and itself.
+
+    Raises:
+        ValueError: for a negative turn or shift, or a factor below 1.
+    """
+
+    def __init__(self, roll_deg: float = 15.0, shift: float = 0.15, scale: float = 1.25) -> None:
+        check_range("RandomSimilarity: roll_deg", roll_deg, 0, 180)
+        check_range("RandomSimilarity: shift", shift, 0, 1)
+        check_range("RandomSimilarity: scale", scale, 1, 4)
+        self.roll, self.shift, self.scale = math.radians(roll_deg), shift, scale
+
+    def __call__(self, image: Tensor) -> Tensor:
+        """(N, 3, S, S) on white → the same, each picture its own way, drawn from torch's random numbers."""
+        even = 2 * torch.rand(len(image), 4, device=image.device, dtype=image.dtype) - 1
+        return warp(
+            Rendering(image),
+            roll=self.roll * even[:, 0],
+            shift=self.shift * even[:, 1:3],
+            scale=torch.exp(math.log(self.scale) * even[:, 3]),
+        ).image
