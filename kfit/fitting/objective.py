@@ -23,7 +23,7 @@ from kfit.core import (
 )
 from kfit.core.contracts import Need
 from kfit.core.rows import pictures_of
-from kfit.jacobian import JacobianProducts
+from kfit.fitting.jacobian import JacobianProducts
 
 # Pixels that are drawn at once. On a CPU what a chunk of 16 pictures of 64 × 64 needs stays in the cache and is memory
 # that is used again: 120 at once take 1.7 times as long a picture, and 2 as long again as 16.

@@ -7,7 +7,7 @@ from walk import shipped
 
 import kfit.optimizers
 from kfit.core import Evaluation, Optimizer, Rendering
-from kfit.jacobian import JacobianProducts
+from kfit.fitting.jacobian import JacobianProducts
 from kfit.optimizers import (
     CMAES,
     LBFGS,
