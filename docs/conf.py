@@ -61,7 +61,7 @@ autosummary_ignore_module_all = False
 nitpick_ignore_regex = [
     ("py:.*", r"(torch|numpy|np|lightning|jsonargparse|pathlib|collections|contextlib)\..*"),
     ("py:class", r"kfit\.core\.frozen\.Module"),
-    ("py:class", r"kfit\.models\.(alternatives\.Verdict|calibration\.Calibration|sighting\.Sighting)"),
+    ("py:class", r"kfit\.pose\.(hypotheses\.PoseHypotheses|confidence\.Calibration|observed_object\.ObservedObject)"),
     ("py:class", r"kfit\.(data\.nocs_models\.NOCSModel|training\.training\.Training)"),
 ]
 # Constants have no docstrings that could be found where they are offered.

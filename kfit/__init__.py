@@ -7,16 +7,58 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from kfit.core import (
+        Callback,
+        Encoder,
+        Energy,
+        FitError,
+        FitResult,
+        FitState,
+        Generator,
+        Initializer,
+        Observation,
+        Optimizer,
+        Prior,
+        Rendering,
+        ResidualEnergy,
+        ResidualPrior,
+        Schedule,
+        Selector,
+        Variable,
+    )
     from kfit.fitting.pipeline import FitPipeline
     from kfit.models import load
     from kfit.registration import register
     from kfit.reports.html_page import report
 
 __version__ = version("kfit")
-__all__ = ["FitPipeline", "__version__", "load", "register", "report"]
+__all__ = [
+    "Callback",
+    "Encoder",
+    "Energy",
+    "FitError",
+    "FitPipeline",
+    "FitResult",
+    "FitState",
+    "Generator",
+    "Initializer",
+    "Observation",
+    "Optimizer",
+    "Prior",
+    "Rendering",
+    "ResidualEnergy",
+    "ResidualPrior",
+    "Schedule",
+    "Selector",
+    "Variable",
+    "__version__",
+    "load",
+    "register",
+    "report",
+]
 
 # Imported when first asked for: `import kfit` costs nothing, and no part is loaded that is not used.
-_HOMES = {
+_HOMES = {name: "kfit.core" for name in __all__ if name[0].isupper()} | {
     "FitPipeline": "kfit.fitting.pipeline",
     "load": "kfit.models",
     "register": "kfit.registration",

@@ -6,6 +6,8 @@ from pathlib import Path
 import pytest
 import torch
 
+pytest_plugins = ["tiny_model"]
+
 
 def pytest_addoption(parser):
     parser.addoption("--runslow", action="store_true", help="also run tests that take minutes")

@@ -1,8 +1,9 @@
-"""Imports go one way: core and geometry, the parts, the pipeline, training, models and reports, the command line."""
+"""Imports go one way: from core up to the command line, and no module imports itself through others."""
 
 import ast
 import subprocess
 import sys
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -10,39 +11,33 @@ import pytest
 import kfit
 
 ROOT = Path(kfit.__file__).parent
-PARTS = {
-    "energies", "initializers", "optimizers", "selectors", "callbacks", "features", "generators",
-    "metrics", "data", "segmentation", "schedules",
-}  # fmt: skip
-BELOW_PARTS = {"core", "geometry"}
-BELOW_MODELS = BELOW_PARTS | PARTS | {"baselines", "devices", "judge", "mistakes", "pipeline", "training"}
-# What each room may import of the others.
-ALLOWED = {
-    "core": set(),
-    "geometry": {"core"},
-    **{part: BELOW_PARTS for part in PARTS},
-    "data": BELOW_PARTS | {"devices"},
-    "energies": BELOW_PARTS | {"features"},
-    "generators": BELOW_PARTS | {"features"},  # the encoders beside them
-    # Whole methods, not parts of one: they share VGG16 with the features and NOCS's alignment with the data's readers.
-    "baselines": BELOW_PARTS | {"features", "data"},
-    "devices": set(),
-    "judge": BELOW_PARTS,
-    "mistakes": set(),
-    "proposals": BELOW_PARTS,
-    "pipeline": BELOW_PARTS | PARTS | {"devices", "judge", "proposals"},
-    "training": BELOW_PARTS | PARTS | {"baselines", "devices", "pipeline"},
-    "models": BELOW_MODELS,
-    "reports": BELOW_MODELS | {"models"},  # pages of what models answer
-    "app": BELOW_MODELS | {"models", "reports"},
-    "cli": BELOW_MODELS | {"models", "reports", "app"},
-    "__main__": {"cli"},
-    "__init__": {"pipeline", "models", "reports"},  # names them lazily
-}
+# Rooms by height; those of one line do not import one another, but for the pairs below.
+FLOORS = [
+    {"core", "runtime"},
+    {"geometry"},
+    {"energies", "initializers", "optimizers", "selectors", "callbacks", "features", "generators"}
+    | {"metrics", "data", "segmentation"},
+    {"fitting"},
+    {"baselines", "registration"},
+    {"training", "pose"},
+    {"models", "tracking", "reports"},
+    {"batch"},
+    {"bench"},
+    {"app"},
+    {"cli"},
+    {"__main__"},
+]
+# Energies and encoders compare and read features.
+BESIDE = {("energies", "features"), ("generators", "features")}
+HEIGHT = {room: height for height, floor in enumerate(FLOORS) for room in floor}
 
 
-def room_of(path):
-    return path.relative_to(ROOT).parts[0].removesuffix(".py")
+def module_of(path, root=ROOT):
+    parts = [root.name, *path.relative_to(root).with_suffix("").parts]
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+MODULES = {module_of(path): path for path in sorted(ROOT.rglob("*.py"))}
 
 
 def imported(source, package):
@@ -56,28 +51,64 @@ def imported(source, package):
             yield from (f"{module}.{alias.name}" for alias in node.names)
 
 
-def rooms(names):
-    """Rooms of kfit among imported names; what `kfit` itself offers counts as the room that it comes from."""
-    for name in names:
-        top, _, rest = name.partition(".")
-        if top == "kfit" and rest != "__version__":
-            first = rest.partition(".")[0]
-            yield kfit._HOMES[first].split(".")[1] if first in kfit._HOMES else first
+def home(name):
+    """The module of kfit that an imported name comes from; None for what is not kfit's, and for its version."""
+    parts = name.split(".")
+    if parts[0] != "kfit" or parts[1:] == ["__version__"]:
+        return None
+    if len(parts) > 1 and parts[1] in kfit._HOMES:
+        return kfit._HOMES[parts[1]]
+    while ".".join(parts) not in MODULES and len(parts) > 2:
+        parts.pop()
+    return ".".join(parts)
+
+
+def package_of(module, path):
+    return module if path.name == "__init__.py" else module.rpartition(".")[0]
 
 
 def against(room, source, package="kfit.room"):
-    return {other for other in rooms(imported(source, package)) if other != room} - ALLOWED[room]
+    """Rooms that a module of this room imports against the direction."""
+    found = {module.split(".")[1] for name in imported(source, package) if (module := home(name)) and "." in module}
+    return {
+        other
+        for other in found - {room}
+        if HEIGHT.get(other, len(FLOORS)) >= HEIGHT[room] and (room, other) not in BESIDE
+    }
 
 
-modules = sorted(ROOT.rglob("*.py"))
+below = [(module, path) for module, path in MODULES.items() if module != "kfit"]
 
 
-@pytest.mark.parametrize("path", modules, ids=lambda path: str(path.relative_to(ROOT)))
-def test_a_module_imports_only_what_lies_below_it(path):
-    room, package = room_of(path), ".".join(["kfit", *path.relative_to(ROOT).parts[:-1]])
-    assert room in ALLOWED, f"say in this test what the new room {room!r} may import"
-    wrong = against(room, path.read_text(), package)
+@pytest.mark.parametrize(("module", "path"), below, ids=[module for module, _ in below])
+def test_a_module_imports_only_what_lies_below_it(module, path):
+    room = module.split(".")[1]
+    assert room in HEIGHT, f"give the new room {room!r} its floor in this test"
+    wrong = against(room, path.read_text(), package_of(module, path))
     assert not wrong, f"{room} must not import {', '.join(sorted(wrong))}"
+
+
+def test_no_module_imports_itself_through_others():
+    graph = {
+        module: {home(name) for name in imported(path.read_text(), package_of(module, path))} - {None, module}
+        for module, path in MODULES.items()
+        # A package offers what its modules hold, and kfit offers names of all rooms when they are asked for.
+        if path.name != "__init__.py"
+    }
+    packages = {module for module, path in MODULES.items() if path.name == "__init__.py"}
+    # Who imports a package from outside it imports all that its head imports.
+    for module, path in MODULES.items():
+        if module in packages and module != "kfit":
+            graph[module] = {home(name) for name in imported(path.read_text(), module)} - {None, module}
+    try:
+        list(TopologicalSorter(graph).static_order())
+    except CycleError as error:
+        pytest.fail(" -> ".join(error.args[1]))
+
+
+def test_a_circle_is_found():
+    with pytest.raises(CycleError):
+        list(TopologicalSorter({"a": {"b"}, "b": {"a"}}).static_order())
 
 
 @pytest.mark.parametrize("path", sorted((ROOT / "core").glob("*.py")), ids=lambda path: path.name)
@@ -90,16 +121,21 @@ def test_core_imports_torch_alone(path):
     ("room", "line", "wrong"),
     [
         ("core", "from kfit.geometry.pose import to_opencv", {"geometry"}),
+        ("core", "from kfit.runtime.devices import cores", {"runtime"}),
         ("generators", "import kfit.energies.pixel", {"energies"}),
         ("generators", "from kfit import energies", {"energies"}),
         ("generators", "def f():\n    from ..data import Mesh", {"data"}),
+        ("generators", "if TYPE_CHECKING:\n    from kfit.pose import CategoryModel", {"pose"}),
         ("features", "from kfit.energies import L1", {"energies"}),
         ("energies", "from kfit.features import VGG16", set()),
+        ("energies", "from kfit import Energy", set()),
         ("training", "from kfit import FitPipeline", set()),
-        ("data", "from kfit import FitPipeline", {"pipeline"}),
-        ("pipeline", "from kfit.training import Jitter", {"training"}),
+        ("data", "from kfit import FitPipeline", {"fitting"}),
+        ("fitting", "from kfit.training import RandomSimilarity", {"training"}),
+        ("pose", "from kfit.models import load", {"models"}),
         ("models", "from kfit.reports import draw_overlay", {"reports"}),
         ("models", "from kfit import __version__", set()),
+        ("bench", "from kfit.cli import pose", {"cli"}),
         ("models", "import torch, kfitting.cli", set()),
     ],
 )
@@ -118,6 +154,8 @@ def test_importing_kfit_loads_neither_torch_nor_any_part():
 
 def test_the_names_that_kfit_offers_are_there_and_no_others():
     assert kfit.FitPipeline.__module__ == "kfit.fitting.pipeline"
+    assert kfit.Generator.__module__ == kfit.Energy.__module__ == "kfit.core.contracts"
+    assert all(getattr(kfit, name) is not None for name in kfit.__all__)
     assert callable(kfit.load)
     assert callable(kfit.report)
     assert set(kfit.__all__) <= set(dir(kfit))

@@ -4,28 +4,20 @@ from __future__ import annotations
 
 from jsonargparse import ArgumentParser, Namespace
 
-from kfit.bench import accuracy as bench_accuracy
-from kfit.bench import dataset as bench_dataset
-from kfit.bench import energies as bench_energies
-from kfit.bench import optimizers as bench_optimizers
-from kfit.bench import registration as bench_registration
-from kfit.bench import scaling as bench_scaling
-from kfit.bench import speed as bench_speed
-from kfit.bench import tracking as bench_following
-from kfit.bench import training as bench_training
-from kfit.bench.paper import command as bench_paper
+from kfit.bench import accuracy, dataset, energies, optimizers, registration, scaling, speed, tracking, training
+from kfit.bench.paper import command as paper
 
 BENCHMARKS = {
-    "accuracy": bench_accuracy,
-    "dataset": bench_dataset,
-    "energies": bench_energies,
-    "following": bench_following,
-    "optimizers": bench_optimizers,
-    "registration": bench_registration,
-    "paper": bench_paper,
-    "scaling": bench_scaling,
-    "speed": bench_speed,
-    "training": bench_training,
+    "accuracy": accuracy,
+    "dataset": dataset,
+    "energies": energies,
+    "following": tracking,
+    "optimizers": optimizers,
+    "registration": registration,
+    "paper": paper,
+    "scaling": scaling,
+    "speed": speed,
+    "training": training,
 }
 
 

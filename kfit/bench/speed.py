@@ -70,7 +70,7 @@ def parser() -> ArgumentParser:
 
 @dataclass(frozen=True)
 class Way:
-    """One way to fit, and the precision in which it computes; other ways' answers are judged by ``objective``'s energy."""
+    """One way to fit, and its precision; the energies of ways with ``objective`` compare all ways' answers."""
 
     name: str
     model: CategoryModel

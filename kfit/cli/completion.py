@@ -8,6 +8,7 @@ from typing import Literal
 from jsonargparse import ArgumentParser, Namespace
 
 from kfit.cli import info
+from kfit.runtime.help_page import tree
 
 SHELLS = Literal["bash", "zsh", "fish"]
 
@@ -34,12 +35,9 @@ example:
     return parser
 
 
-def run(args: Namespace) -> None:
-    """Print the script."""
-    from kfit.cli import main
-
-    whole = main.parser()
-    for part in main.tree(whole):
+def run(args: Namespace, whole: ArgumentParser) -> None:
+    """Print the script for the parser of all commands."""
+    for part in tree(whole):
         for action in part._actions:
             _complete_words(action)
     print(whole.get_completion_script(f"shtab-{args.shell}"))

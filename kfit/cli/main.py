@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from jsonargparse import ArgumentError, ArgumentParser, Namespace
@@ -13,7 +13,7 @@ from kfit.bench import calibrate
 from kfit.bench import command as bench
 from kfit.cli import app, completion, evaluate, export, info, pack, pose, video
 from kfit.runtime.console import ENDINGS, add_general_options, session
-from kfit.runtime.help_page import HelpPage
+from kfit.runtime.help_page import HelpPage, tree
 from kfit.runtime.parse_errors import sentence
 
 TRAINING = {
@@ -107,14 +107,6 @@ def check_places(arguments: Namespace) -> None:
             raise ValueError(f"--{name} must name a file, but {path} is a folder")
 
 
-def tree(parser: ArgumentParser) -> Iterator[ArgumentParser]:
-    """A parser, and those of its commands and of theirs."""
-    yield parser
-    if parser._subcommands_action is not None:
-        for below in parser._subcommands_action.choices.values():
-            yield from tree(below)
-
-
 def main(args: Sequence[str] | None = None) -> None:
     """Run a command; without one, show the help. `kfit.runtime.console.ENDINGS` tells how it ends.
 
@@ -143,4 +135,7 @@ def main(args: Sequence[str] | None = None) -> None:
         values = chosen[chosen.subcommand] if "subcommand" in chosen else chosen
         check_numbers(values)
         check_places(values)
-        COMMANDS[arguments.subcommand].run(chosen)
+        if arguments.subcommand == "completion":
+            completion.run(chosen, top)
+        else:
+            COMMANDS[arguments.subcommand].run(chosen)

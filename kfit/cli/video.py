@@ -212,8 +212,8 @@ class Video:
 
 def header(first: PoseResult) -> dict[str, Any]:
     """What holds for all frames."""
-    args = first.to_dict()
-    return {name: args[name] for name in ("category", "symmetry", "intrinsics", "intrinsics_from", "notes")}
+    answer = first.to_dict()
+    return {name: answer[name] for name in ("category", "symmetry", "intrinsics", "intrinsics_from", "notes")}
 
 
 def entry(number: int, frame: Frame, answer: TrackedPose) -> dict[str, Any]:

@@ -21,7 +21,6 @@ from kfit.core.manifolds import SO3, Simplex, UnitVector
 from kfit.core.result import FitResult, History
 from kfit.core.state import Evaluation, FitState, Observation, Rendering
 from kfit.core.variables import Angle, Bounded, Positive, Real, Space, Variable, Variables
-from kfit.geometry.pose_network import PoseNetwork
 
 __all__ = [
     "SO3",
@@ -41,7 +40,6 @@ __all__ = [
     "Linearization",
     "Observation",
     "Optimizer",
-    "PoseNetwork",
     "Positive",
     "Prior",
     "Real",

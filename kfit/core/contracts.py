@@ -8,7 +8,6 @@ how many they have.
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal, Protocol, TypeAlias
@@ -16,6 +15,7 @@ from typing import Any, Literal, Protocol, TypeAlias
 import torch
 from torch import Tensor, nn
 
+from kfit.core.check import check_names, check_shape
 from kfit.core.result import FitResult
 from kfit.core.state import Evaluation, FitState, Observation, Rendering
 from kfit.core.variables import Variable, Variables
@@ -53,9 +53,40 @@ class Generator(nn.Module, ABC):
         Raises:
             ValueError: for a name that is no variable of this generator, or a value of another shape.
         """
-        from kfit.core.bound import Bound  # a generator itself, so it needs this file first
-
         return Bound(self, fixed)
+
+
+class Bound(Generator):
+    """A generator with some variables held at one value for all rows."""
+
+    def __init__(self, generator: Generator, fixed: Variables) -> None:
+        super().__init__()
+        check_bound(generator, fixed)
+        self.generator, self.held = generator, tuple(fixed)
+        self.variables = {k: v for k, v in generator.variables.items() if k not in fixed}
+        for name, value in fixed.items():
+            self.register_buffer(f"held_{name}", value.detach(), persistent=False)
+
+    def prepare(self, observation: Observation) -> Mapping[str, Tensor]:
+        return self.generator.prepare(observation)
+
+    def forward(self, **values: Tensor) -> Rendering:
+        rows = next(iter(values.values())).shape[0] if values else 1
+        fixed = {name: self.get_buffer(f"held_{name}") for name in self.held}
+        held = {k: v.expand(rows, *v.shape) for k, v in fixed.items()}
+        rendering: Rendering = self.generator(**values, **held)
+        return rendering
+
+
+def check_bound(generator: Generator, fixed: Variables) -> None:
+    """Refuse values to be held that are no variables of the generator, or of another shape than one value.
+
+    Raises:
+        TypeError, ValueError: naming the variable.
+    """
+    check_names("bind", fixed, generator.variables)
+    for name, value in fixed.items():
+        check_shape(f"bind: {name}", value, generator.variables[name].shape)
 
 
 class Encoder(nn.Module, ABC):
@@ -64,24 +95,6 @@ class Encoder(nn.Module, ABC):
     @abstractmethod
     def forward(self, image: Tensor) -> tuple[Tensor, Tensor]:
         """Mean and log-variance (N, D) of a Gaussian over the code, from RGB (N, 3, S, S) in [0, 1] on white."""
-
-
-class PoseNetwork(nn.Module, ABC):
-    """Looks at pictures and says how likely they show their objects at each azimuth and elevation.
-
-    Attributes:
-        azimuths, elevations: (A,) and (E,) centres of its bins in radians, rising in even steps; A is 1 where the
-            object looks the same at all azimuths.
-        sigma: standard deviation in radians of what it says around a pose of which it is sure.
-    """
-
-    azimuths: Tensor
-    elevations: Tensor
-    sigma: float = math.radians(6)
-
-    @abstractmethod
-    def forward(self, image: Tensor) -> Tensor:
-        """Log-probabilities (N, A, E) of the bins, from RGB (N, 3, S, S) in [0, 1] on white."""
 
 
 class Energy(nn.Module, ABC):

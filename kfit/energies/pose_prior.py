@@ -18,9 +18,9 @@ class PosePrior(Prior):
     E = −log((1 − ε) · F + ε),  F = (Σ_b √(p_b q_b))²
 
     over the bins b of the head: p is what it says, q what it would say if it were sure of the pose, a von Mises
-    distribution in azimuth times a Gaussian in elevation (`kfit.geometry.bin_log_probabilities`), and F the fidelity of the two, 1
-    where p = q: their Bhattacharyya coefficient squared (Bhattacharyya 1943). Around a sure head's pose E is
-    Δ² / 4 spread², at the edges of its range too, where bins end; of several peaks each has its share. A head that is
+    distribution in azimuth times a Gaussian in elevation (`kfit.geometry.bin_log_probabilities`), and F the fidelity of
+    the two, 1 where p = q: their Bhattacharyya coefficient squared (Bhattacharyya 1943). Around a sure head's pose E is
+    Δ² / 4 sigma², at the edges of its range too, where bins end; of several peaks each has its share. A head that is
     wrong is outvoted at a bounded cost: ε takes the part of all poses alike.
 
     Shape: azimuth and elevation (N,) in radians, energy (N,) between 0 and −log ε.

@@ -39,7 +39,7 @@ class RayMarch:
         return Rendering(image=image, mask=mask, depth=depth)
 
     def where_it_counts(self, volume: Tensor) -> Rendering:
-        """The picture of samples of a share above `MIN_SAMPLE_WEIGHT`, a few of all: density, without slopes, tells which."""
+        """Draw the few samples whose weight is above `MIN_SAMPLE_WEIGHT`, as the density, without gradient, tells."""
         with torch.no_grad():
             density = F.grid_sample(volume[:, 3:].contiguous(), self._points()[1], align_corners=False)
             among = _shares(self._optical(density[:, 0], self.step[:, None]))

@@ -24,6 +24,7 @@ from kfit.geometry.pose import (
     rotation_from_angles,
     to_opencv,
 )
+from kfit.geometry.pose_network import PoseNetwork
 
 __all__ = [
     "CATEGORIES",
@@ -31,6 +32,7 @@ __all__ = [
     "UNIT_FRACTION",
     "Category",
     "Crop",
+    "PoseNetwork",
     "Symmetry",
     "angles_from_rotation",
     "bin_log_probabilities",

@@ -30,4 +30,5 @@ def load(model: str | Path) -> CategoryModel:
             raise ValueError(f"category {name!r} has no bundled model; those known are {', '.join(bundled())}")
         name = str(BUNDLED / f"{name}.safetensors")
     _log.debug("reads the model %s", name)
-    return CategoryModel.of(*read_model(Path(name)))
+    networks, card = read_model(Path(name))
+    return CategoryModel(**networks, card=card)  # type: ignore[arg-type]

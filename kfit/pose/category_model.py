@@ -8,19 +8,18 @@ from typing import Any
 
 import torch
 from numpy.typing import NDArray
-from torch import Tensor, nn
+from torch import Tensor
 
 from kfit.callbacks import Pruning
 from kfit.core import Callback, Encoder, Energy, FitError, FitResult, Generator, Observation, Rendering, Variables
 from kfit.fitting.pipeline import FitPipeline
 from kfit.generators import ExtentsHead, MetricDepth, SimilarityWarp
-from kfit.geometry import Crop, PoseNetwork, diagonal_at, pose_from_crop
-from kfit.models.files import ROLES
+from kfit.geometry import Crop, PoseNetwork, diagonal_at, pose_from_crop, to_opencv
 from kfit.optimizers import Adam
 from kfit.pose.card import Card
 from kfit.pose.confidence import confidence
 from kfit.pose.defaults import BETAS, FINAL_RATE_FRACTION, default_energies, default_parts
-from kfit.pose.hypotheses import PoseHypotheses, alternatives, ambiguity_warning, head_probability
+from kfit.pose.hypotheses import PoseHypotheses, alternatives, ambiguity_warning, fitted_rotations, head_probability
 from kfit.pose.interpretation import interpret
 from kfit.pose.observed_object import ObservedObject
 from kfit.pose.result import PoseResult
@@ -60,18 +59,6 @@ class CategoryModel:
             if network is not None:
                 network.to(device)
         return self
-
-    @staticmethod
-    def of(networks: dict[str, nn.Module], card: Card) -> CategoryModel:
-        """A model from a file's networks.
-
-        Raises:
-            ValueError: if one of them is not what its name says.
-        """
-        for name, network in networks.items():
-            if not isinstance(network, ROLES[name]):
-                raise ValueError(f"the {name} must be a {ROLES[name].__name__}, got {type(network).__name__}")
-        return CategoryModel(**networks, card=card)  # type: ignore[arg-type]
 
     def pipeline(
         self,
@@ -219,8 +206,7 @@ class CategoryModel:
         pose_log_probabilities = self.pose_log_probabilities(torch.cat([one.observation.image for one in seen]))
         fit = fit.to("cpu")
         return [
-            interpret(
-                self,
+            self._interpreted(
                 fit.of(n),
                 one,
                 extents[n],
@@ -231,3 +217,13 @@ class CategoryModel:
             else None
             for n, one in enumerate(seen)
         ]
+
+    def _interpreted(
+        self, fit: FitResult, seen: ObservedObject, extents: Tensor, drawing: Tensor, log_probabilities: Tensor | None
+    ) -> PoseResult:
+        rotation, translation, diagonal = self.placed(fit.values, seen.crop, seen.intrinsics)
+        # From the crop's virtual camera to the photo's: the same turn for every start, up to their shifts.
+        turn = rotation[0] @ to_opencv(fitted_rotations(fit.values))[0].mT
+        hypotheses = self.hypotheses(fit, turn, log_probabilities)
+        placed = (rotation[0], translation[0], extents * diagonal)
+        return interpret(self.card.category, fit, seen, placed, hypotheses, drawing, self.draw)

@@ -11,6 +11,7 @@ from kfit.fitting.pipeline import FitPipeline
 from kfit.generators import SimilarityWarp
 from kfit.initializers import EncoderPosterior
 from kfit.pose.category_model import CategoryModel
+from kfit.runtime.class_paths import current_path, read_old_paths
 from kfit.runtime.parse_errors import sentence
 from kfit.runtime.recipe_limits import check_recipe
 
@@ -36,11 +37,12 @@ def fit_of(recipe: str | Path, model: CategoryModel, changes: Sequence[str] = ()
     if not path.is_file():
         raise FileNotFoundError(f"there is no recipe {path}")
     check_recipe(path)
+    read_old_paths()
     parser = ArgumentParser(exit_on_error=False)
     parser.add_class_arguments(FitPipeline, skip={"generator"}, instantiate=False)
     parser.add_argument("--config", action="config")
     try:
-        said = parser.parse_args(["--config", str(path), *changes])
+        said = parser.parse_args(["--config", str(path), *map(current_path, changes)])
         if "selector.init_args.symmetry" in said:
             said["selector.init_args.symmetry"] = model.card.known.symmetry
         parts = parser.instantiate(said).as_dict()

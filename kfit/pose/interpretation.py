@@ -2,51 +2,46 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 import numpy as np
 from torch import Tensor
 
-from kfit.core import FitResult
-from kfit.geometry import to_opencv
+from kfit.core import FitResult, Rendering, Variables
 from kfit.pose.confidence import DOUBTFUL
-from kfit.pose.hypotheses import fitted_rotations
+from kfit.pose.hypotheses import PoseHypotheses
 from kfit.pose.observed_object import PLAIN, WHOLE, ObservedObject
 from kfit.pose.result import PoseResult
 
-if TYPE_CHECKING:
-    from kfit.pose.category_model import CategoryModel
-
 
 def interpret(
-    model: CategoryModel,
+    category: str,
     fit: FitResult,
     seen: ObservedObject,
-    extents: Tensor,
+    placed: tuple[Tensor, Tensor, Tensor],
+    hypotheses: PoseHypotheses,
     drawing: Tensor,
-    pose_log_probabilities: Tensor | None,
+    draw: Callable[[Variables], Rendering],
 ) -> PoseResult:
-    """What a fit of one problem says of the object that was seen.
+    """Make the answer of one problem's fit.
 
     Args:
-        model: that was fitted.
+        category: of the object.
         fit: of one problem, on the CPU.
         seen: what it was fitted to.
-        extents: (3,) of the winner's code.
+        placed: the winner's rotation (3, 3), translation (3,) and size (3,) in the photo's camera, in metres.
+        hypotheses: its poses, and how sure the first of them is.
         drawing: (S, S, 3) of the winner.
-        pose_log_probabilities: (1, A, E), what the pose head says of the picture, if there is one.
+        draw: renders values of the fit.
     """
-    rotation, translation, diagonal = model.placed(fit.values, seen.crop, seen.intrinsics)
-    # From the crop's virtual camera to the photo's: the same turn for every start, up to their shifts.
-    turn = rotation[0] @ to_opencv(fitted_rotations(fit.values))[0].mT
-    hypotheses = model.hypotheses(fit, turn, pose_log_probabilities)
+    rotation, translation, size = placed
     rows, columns = (np.flatnonzero((seen.mask > 0.5).any(axis)) for axis in (1, 0))
     left, top = int(columns[0]), int(rows[0])
     return PoseResult(
-        category=model.card.category,
-        rotation=rotation[0].numpy(),
-        translation=translation[0].numpy(),
-        size=(extents * diagonal).numpy(),
+        category=category,
+        rotation=rotation.numpy(),
+        translation=translation.numpy(),
+        size=size.numpy(),
         size_from="depth" if "distance" in fit.values else "mean size",
         bbox_xywh=(left, top, int(columns[-1]) + 1 - left, int(rows[-1]) + 1 - top),
         energy=float(fit.energy[0]),
@@ -62,5 +57,5 @@ def interpret(
         observation=seen.observation,
         drawing=drawing.numpy(),
         fit=fit,
-        draw=model.draw,
+        draw=draw,
     )

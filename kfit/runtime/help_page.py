@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import argparse
 import textwrap
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import Any
 
-from jsonargparse import DefaultHelpFormatter
+from jsonargparse import ArgumentParser, DefaultHelpFormatter
 
 FLAGS = {"false": "no", "true": "yes"}
 
@@ -84,3 +84,11 @@ def _spelled(default: object) -> str:
     if isinstance(default, list):
         return f"[{','.join(map(str, default))}]"
     return str(default)
+
+
+def tree(parser: ArgumentParser) -> Iterator[ArgumentParser]:
+    """A parser, and those of its commands and of theirs."""
+    yield parser
+    if parser._subcommands_action is not None:
+        for below in parser._subcommands_action.choices.values():
+            yield from tree(below)

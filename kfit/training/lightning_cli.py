@@ -18,6 +18,7 @@ from lightning.pytorch.cli import LightningArgumentParser, LightningCLI
 from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger
 
 from kfit.geometry.categories import CATEGORIES, Category
+from kfit.runtime.class_paths import current_path, current_paths, read_old_paths
 from kfit.runtime.console import see_working_folder, session
 from kfit.runtime.help_page import HelpPage
 from kfit.runtime.parse_errors import sentence
@@ -52,6 +53,13 @@ NEEDLESS_ELSEWHERE = (
     r"The dirpath has changed from",
     r"Be aware that when using `ckpt_path`, callbacks",
 )
+
+
+class _Parser(LightningArgumentParser):
+    """Understands class paths of earlier versions in the hyperparameters of checkpoints too."""
+
+    def parse_object(self, cfg_obj: Any, *args: Any, **kwargs: Any) -> Any:
+        return super().parse_object(current_paths(cfg_obj), *args, **kwargs)
 
 
 class _CLI(LightningCLI):
@@ -131,6 +139,7 @@ def run(words: Sequence[str], callbacks: Sequence[Callback] = ()) -> None:
         if (before in ("-c", "--config") or place.endswith((".yaml", ".yml"))) and Path(place).is_file():
             check_recipe(place)
     see_working_folder()
+    read_old_paths()
     # It would be said of all words that are not the process's own to the letter.
     warnings.filterwarnings("ignore", message="LightningCLI's args parameter")
     for needless in NEEDLESS + (() if words[:1] == ["fit"] else NEEDLESS_ELSEWHERE):
@@ -150,6 +159,7 @@ def run(words: Sequence[str], callbacks: Sequence[Callback] = ()) -> None:
         seed_everything_default=0,
         trainer_defaults=defaults or None,
         save_config_kwargs={"overwrite": True},
+        parser_class=_Parser,
         # The usage that would be listed otherwise names some eighty options.
         parser_kwargs={
             "prog": "kfit",
@@ -164,7 +174,7 @@ def run(words: Sequence[str], callbacks: Sequence[Callback] = ()) -> None:
                 for name, example in COMMANDS.items()
             },
         },
-        args=list(words),
+        args=[current_path(word) for word in words],
     )
 
 

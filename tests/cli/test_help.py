@@ -6,7 +6,8 @@ import shlex
 import pytest
 
 from kfit.bench.command import BENCHMARKS
-from kfit.cli.main import COMMANDS, TRAINING, main, parser, tree
+from kfit.cli.main import COMMANDS, TRAINING, main, parser
+from kfit.runtime.help_page import tree
 
 NAMES = ["", *COMMANDS, *(f"bench {name}" for name in BENCHMARKS)]
 GENERAL = {"-h", "-q", "-v", "--version"}

@@ -6,8 +6,8 @@ import torch
 from kfit import FitPipeline
 from kfit.core import SO3, Generator, Observation, Rendering, Variable
 from kfit.energies import L2
-from kfit.generators import Template
 from kfit.fitting.implicit import differentiable_answer
+from kfit.generators import Template
 from kfit.initializers import Constant
 from kfit.optimizers import LevenbergMarquardt
 

@@ -17,8 +17,8 @@ from kfit.core import FitResult, History
 from kfit.fitting.pipeline import FitPipeline
 
 ROOMS = (
-    "baselines", "callbacks", "core", "data", "energies", "features", "generators", "geometry", "initializers",
-    "metrics", "models", "optimizers", "schedules", "segmentation", "selectors", "training",
+    "baselines", "callbacks", "core", "data", "energies", "features", "fitting", "generators", "geometry",
+    "initializers", "metrics", "models", "optimizers", "pose", "segmentation", "selectors", "tracking", "training",
 )  # fmt: skip
 # Plain values that functions give back, and files' readers, whose files tests of their own damage.
 ASIDE = {
@@ -129,7 +129,7 @@ def classes() -> dict[str, tuple[Callable, dict]]:
                 found[name] = part
     for name in ("dataset_fit.DatasetFit", "photo_folder.PhotoFolder", "nocs_fit.NOCSFit"):
         module, part = name.split(".")
-        found[part] = getattr(importlib.import_module(f"kfit.models.{module}"), part)
+        found[part] = getattr(importlib.import_module(f"kfit.batch.{module}"), part)
     given |= {
         "PhotoFolder": {"root": Path("photos"), "category": "mug"},
         "NOCSFit": {"root": Path("nocs"), "split": "real_test"},

@@ -366,8 +366,10 @@ class TestRandomSimilarity:
 
 @pytest.mark.slow
 def test_the_command_line_trains_goes_on_and_packs(tmp_path):
+    modules = {"lightning": "kfit.training.lightning_cli", "main": "kfit.cli.main"}
+
     def run(command, *words):
-        code = f"from kfit.cli.{command} import main; main()"
+        code = f"from {modules[command]} import main; main()"
         done = subprocess.run(
             [sys.executable, "-c", code, *map(str, words)], cwd=tmp_path, capture_output=True, text=True, check=False
         )

@@ -18,10 +18,10 @@ from kfit.bench.held_out_views import HeldOutViews, held_out_views
 from kfit.bench.paper import drawings, fits
 from kfit.bench.paper.fits import Schedule
 from kfit.bench.paper.variants import VARIANTS, Training
-from kfit.cli import pack
 from kfit.core import Observation
 from kfit.geometry import PoseNetwork
 from kfit.models import load, read_checkpoint
+from kfit.models.pack import pack
 from kfit.pose import CategoryModel
 from kfit.runtime.atomic_write import atomic_write
 from kfit.training.random_corruption import brightened, occluded, shifted
@@ -134,7 +134,7 @@ class Measuring:
     def _model(self, variant: str, category: str, checkpoint: Path) -> CategoryModel:
         out = self.training.folder(variant, category) / "model.safetensors"
         if not out.is_file() or out.stat().st_mtime_ns < checkpoint.stat().st_mtime_ns:
-            pack.run(pack.parser().parse_args([str(checkpoint), "--out", str(out)]))
+            pack(checkpoint, out)
         return load(str(out))
 
     def _teller(self, what: str) -> Callable[[int], None]:

@@ -1,3 +1,5 @@
+"""A model that is small enough to build and fit in a test."""
+
 from __future__ import annotations
 
 from pathlib import Path
@@ -32,7 +34,7 @@ def tiny_model() -> CategoryModel:
             "encoder": ConvEncoder(**TINY["encoder"]["init_args"]),
             "extents": ExtentsHead(**TINY["extents"]["init_args"]),
         }
-    return CategoryModel.of(networks, tiny_card())
+    return CategoryModel(**networks, card=tiny_card())
 
 
 @pytest.fixture

@@ -1,0 +1,7 @@
+"""Fits: the pipeline, what it evaluates, how it starts, weights over its steps, what it records, and its gradients."""
+
+from kfit.fitting.implicit import differentiable_answer
+from kfit.fitting.pipeline import FitPipeline
+from kfit.fitting.schedules import Cosine, Linear, Step
+
+__all__ = ["Cosine", "FitPipeline", "Linear", "Step", "differentiable_answer"]

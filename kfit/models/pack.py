@@ -1,0 +1,89 @@
+"""From training checkpoints to a model file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import nn
+
+from kfit import __version__
+from kfit.data.rasterizer import DISTANCE
+from kfit.data.shapes import VERSION
+from kfit.geometry import CATEGORIES
+from kfit.models.files import read_checkpoint, read_model, write_model
+from kfit.pose.card import Card
+
+
+def pack(
+    checkpoint: Path,
+    out: Path,
+    pose_head: Path | None = None,
+    pose_weight: float = 2.0,
+    command: str | None = None,
+) -> None:
+    """Write a model file and its card.
+
+    Args:
+        checkpoint: of `kfit.training.ConditionalVAE`.
+        out: path of the .safetensors file; the card lies beside it.
+        pose_head: a checkpoint of `kfit.training.PoseTraining`, or a model's file, whose head is taken.
+        pose_weight: of the pose head in a fit, at least 0.
+        command: the training command, for the card.
+
+    Raises:
+        FileNotFoundError: if a file is missing.
+        ValueError: for a file that is no such checkpoint, or a pose head of another category.
+    """
+    networks, saved = read_checkpoint(checkpoint)
+    model, data = saved["hyper_parameters"], _told(saved)
+    category = CATEGORIES[data["category"]]
+    named = {name: model[name] for name in networks}
+    also: dict[str, object] = {}
+    if pose_head is not None:
+        networks["pose_head"], named["pose_head"], of, trained = _head(pose_head)
+        if of != category.name:
+            raise ValueError(f"--pose-head is of category {of}, the checkpoint of {category.name}")
+        also = {"pose_head": trained}
+    card = Card(
+        category=category.name,
+        networks=named,
+        distance=DISTANCE,
+        unit_fraction=category.unit_fraction,
+        elevation_deg=category.elevation_deg,
+        axes=category.axes,
+        symmetry=category.symmetry,
+        mean_diagonal=category.mean_diagonal,
+        pose_weight=pose_weight,
+        training={
+            "command": command or "not told",
+            "data": data | {"shapes_version": VERSION},
+            "steps": int(saved["global_step"]),
+            "pairs": int(saved["global_step"]) * int(data["batch_size"]),
+            "kl_weight": model["kl_weight"],
+            "kfit": __version__,
+            "torch": torch.__version__,
+        }
+        | also,
+    )
+    write_model(out, networks, card)
+
+
+def _head(path: Path) -> tuple[nn.Module, dict[str, Any], str, Any]:
+    """The pose head of a checkpoint or of a model: network, its name in cards, category and training."""
+    if path.suffix == ".safetensors":
+        networks, card = read_model(path)
+        if "pose_head" not in networks:
+            raise ValueError(f"--pose-head: the model {path} has none")
+        return networks["pose_head"], card.networks["pose_head"], card.category, card.training.get("pose_head")
+    found, learned = read_checkpoint(path, ("pose_head",))
+    told = _told(learned)
+    trained = {"data": told, "steps": int(learned["global_step"])}
+    return found["pose_head"], learned["hyper_parameters"]["pose_head"], told["category"], trained
+
+
+def _told(saved: dict[str, Any]) -> dict[str, Any]:
+    """What a checkpoint tells of its data, without what says nothing or is of the machine alone."""
+    data = saved["datamodule_hyper_parameters"]
+    return {k: v for k, v in data.items() if not k.startswith("_") and k != "cache_dir" and v is not None}

@@ -1,0 +1,64 @@
+"""Class paths of earlier versions: recipes, checkpoints and cards that name them are still read."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from jsonargparse import get_loader, set_loader
+
+# Old name of a module or class → the new one.
+MOVED = {
+    "kfit.core.PoseNetwork": "kfit.geometry.PoseNetwork",
+    "kfit.models.dataset_fit": "kfit.batch.dataset_fit",
+    "kfit.models.fit_data": "kfit.batch.fit_data",
+    "kfit.models.nocs_fit": "kfit.batch.nocs_fit",
+    "kfit.models.photo_folder": "kfit.batch.photo_folder",
+    "kfit.pipeline": "kfit.fitting.pipeline",
+    "kfit.schedules": "kfit.fitting.schedules",
+    "kfit.training.Disturb": "kfit.training.RandomCorruption",
+    "kfit.training.Jitter": "kfit.training.RandomSimilarity",
+    "kfit.training.Photograph": "kfit.training.PhotometricAugmentation",
+    "kfit.training.Recolor": "kfit.training.RandomRecolor",
+    "kfit.training.WholeCheckpoints": "kfit.training.AtomicCheckpoints",
+    "kfit.training.disturb.Disturb": "kfit.training.RandomCorruption",
+    "kfit.training.jitter.Jitter": "kfit.training.RandomSimilarity",
+    "kfit.training.photograph.Photograph": "kfit.training.PhotometricAugmentation",
+    "kfit.training.recolor.Recolor": "kfit.training.RandomRecolor",
+    "kfit.training.whole_checkpoints.WholeCheckpoints": "kfit.training.AtomicCheckpoints",
+}
+
+
+def current_path(name: str) -> str:
+    """Give the present import path of a class that an earlier version may have named otherwise.
+
+    >>> current_path("kfit.schedules.Linear")
+    'kfit.fitting.schedules.Linear'
+    """
+    module, _, kind = name.rpartition(".")
+    if name in MOVED:
+        return MOVED[name]
+    return f"{MOVED[module]}.{kind}" if module in MOVED else name
+
+
+def current_paths(value: Any) -> Any:
+    """Replace old class paths in a value of dicts, lists and strings."""
+    if isinstance(value, str):
+        return current_path(value)
+    if isinstance(value, dict):
+        return {key: current_paths(one) for key, one in value.items()}
+    return [current_paths(one) for one in value] if isinstance(value, list) else value
+
+
+def read_old_paths() -> None:
+    """Have jsonargparse's parsers understand old class paths in the YAML that they read, in this process."""
+    load = get_loader("yaml")
+    if load is not _load:
+        _loaders[:] = [load]
+        set_loader("yaml", _load)
+
+
+_loaders: list[Any] = []
+
+
+def _load(text: str) -> Any:
+    return current_paths(_loaders[0](text))

@@ -1,0 +1,7 @@
+"""An object through the frames of a video."""
+
+from kfit.tracking.track import track
+from kfit.tracking.tracked_pose import TrackedPose
+from kfit.tracking.tracker import Tracker
+
+__all__ = ["TrackedPose", "Tracker", "track"]
