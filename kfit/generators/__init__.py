@@ -6,6 +6,7 @@ from kfit.generators.feature_encoder import FeatureEncoder
 from kfit.generators.mesh import MeshRenderer
 from kfit.generators.mesh_in_camera import MeshInCamera
 from kfit.generators.metric_depth import MetricDepth
+from kfit.generators.multi_view import MultiView
 from kfit.generators.onnx_generator import OnnxGenerator
 from kfit.generators.pose_head import PoseHead
 from kfit.generators.radiance_field import RadianceField
@@ -23,6 +24,7 @@ __all__ = [
     "MeshInCamera",
     "MeshRenderer",
     "MetricDepth",
+    "MultiView",
     "OnnxGenerator",
     "PoseHead",
     "RadianceField",

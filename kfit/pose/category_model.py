@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from torch import Tensor
 from kfit.callbacks import Pruning
 from kfit.core import Callback, Encoder, Energy, FitError, FitResult, Generator, Observation, Rendering, Variables
 from kfit.fitting.pipeline import FitPipeline
-from kfit.generators import ExtentsHead, MetricDepth, SimilarityWarp
+from kfit.generators import ExtentsHead, MetricDepth, RadianceField, SimilarityWarp
 from kfit.geometry import Crop, PoseNetwork, diagonal_at, pose_from_crop, to_opencv
 from kfit.optimizers import Adam
 from kfit.pose.card import Card
@@ -226,4 +227,7 @@ class CategoryModel:
         turn = rotation[0] @ to_opencv(fitted_rotations(fit.values))[0].mT
         hypotheses = self.hypotheses(fit, turn, log_probabilities)
         placed = (rotation[0], translation[0], extents * diagonal)
-        return interpret(self.card.category, fit, seen, placed, hypotheses, drawing, self.draw)
+        generator, surface = self.generator, None
+        if isinstance(generator, RadianceField):
+            surface = partial(generator.surface, fit.values["code"][0].to(self.device))
+        return interpret(self.card.category, fit, seen, placed, hypotheses, drawing, self.draw, surface)

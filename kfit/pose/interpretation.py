@@ -8,6 +8,7 @@ import numpy as np
 from torch import Tensor
 
 from kfit.core import FitResult, Rendering, Variables
+from kfit.generators.surface import Surface
 from kfit.pose.confidence import DOUBTFUL
 from kfit.pose.hypotheses import PoseHypotheses
 from kfit.pose.observed_object import PLAIN, WHOLE, ObservedObject
@@ -22,6 +23,7 @@ def interpret(
     hypotheses: PoseHypotheses,
     drawing: Tensor,
     draw: Callable[[Variables], Rendering],
+    surface: Callable[[], Surface] | None = None,
 ) -> PoseResult:
     """Make the answer of one problem's fit.
 
@@ -33,6 +35,7 @@ def interpret(
         hypotheses: its poses, and how sure the first of them is.
         drawing: (S, S, 3) of the winner.
         draw: renders values of the fit.
+        surface: finds the fitted object's surface.
     """
     rotation, translation, size = placed
     rows, columns = (np.flatnonzero((seen.mask > 0.5).any(axis)) for axis in (1, 0))
@@ -58,4 +61,5 @@ def interpret(
         drawing=drawing.numpy(),
         fit=fit,
         draw=draw,
+        surface=surface,
     )
