@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from jsonargparse import ArgumentParser, Namespace
 
 from kfit.bench.registration_pairs import PICTURES, Pair, corner_distance, make_pair, noise_floor
-from kfit.runtime.console import progress, table_console
+from kfit.runtime.console import log, progress, table_console
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -161,7 +161,7 @@ def by_simpleitk(pair: Pair) -> Tensor:
     Settings as in its examples: gradient descent with scales from physical shift, shrunk by 4, 2 and 1.
     """
     import numpy as np
-    import SimpleITK as sitk  # type: ignore[import-untyped]
+    import SimpleITK as sitk  # type: ignore[import-untyped]  # noqa: N813
     import torch
 
     moving, fixed = (sitk.GetImageFromArray(x.mean(0).numpy()) for x in (pair.template, pair.observed))

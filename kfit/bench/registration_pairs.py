@@ -85,9 +85,8 @@ def noise_floor(pair: Pair, noise: float, motion: str = "homography") -> float:
     places = corners.new_tensor([[-1, 1], [1, 1], [1, -1], [-1, -1]])
     basis = torch.eye(8).to(corners)
     if motion == "affine":
-        basis = torch.stack(
-            [torch.outer(c, axis).flatten() for c in (*places.T, torch.ones(4).to(corners)) for axis in basis[:2, :2]]
-        )
+        coordinates, axes = [*places.T, torch.ones_like(places[:, 0])], torch.eye(2).to(corners)
+        basis = torch.stack([torch.outer(c, axis).flatten() for c in coordinates for axis in axes])
     count = len(basis)
     place = torch.cat([corners.flatten(), corners.new_tensor([pair.gain, 0.0])])
     ways = torch.block_diag(basis, torch.eye(2).to(corners))
