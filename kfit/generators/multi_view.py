@@ -84,9 +84,8 @@ class MultiView(Generator):
         camera = camera.to(rotation)
         # An object beside or behind a camera is drawn far outside its picture.
         z = translation[:, 2].clamp_min(1e-3)
-        pixel = (
-            camera[:, :2] @ torch.cat([translation[:, :2] / z[:, None], torch.ones_like(z)[:, None]], 1)[..., None]
-        )[..., 0]
+        point = torch.cat([translation[:, :2] / z[:, None], torch.ones_like(z)[:, None]], 1)
+        pixel = (camera[:, :2] @ point[..., None])[..., 0]
         azimuth, elevation, roll = angles_from_rotation(from_opencv(viewing_ray_rotation(pixel, camera).mT @ rotation))
         distance = translation.norm(dim=1).clamp_min(1e-3)
         flip = pixel.new_tensor([1.0, -1.0])
