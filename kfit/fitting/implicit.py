@@ -69,7 +69,7 @@ def differentiable_answer(pipeline: FitPipeline, observation: Observation, resul
         steps = [torch.zeros_like(tensor, requires_grad=True) for tensor in raw.values()]
         energy = objective.energy_of(objective.retract(raw, dict(zip(raw, steps, strict=True))), problem)
         slopes = torch.autograd.grad(energy.sum(), steps, create_graph=True, materialize_grads=True)
-        slope = torch.cat([part.flatten(1) for part in slopes], 1)
+        slope = torch.cat([part.reshape(len(part), -1) for part in slopes], 1)
         curvature = _curvature(slope, steps)
         _check_minimum(curvature)
         newton = -torch.linalg.solve_ex(curvature, slope[..., None])[0][..., 0]
@@ -84,7 +84,7 @@ def _curvature(slope: Tensor, steps: list[Tensor]) -> Tensor:
     rows = []
     for number in range(slope.shape[1]):
         second = torch.autograd.grad(slope[:, number].sum(), steps, retain_graph=True, materialize_grads=True)
-        rows.append(torch.cat([part.flatten(1) for part in second], 1).detach())
+        rows.append(torch.cat([part.reshape(len(part), -1) for part in second], 1).detach())
     return torch.stack(rows, 1)
 
 

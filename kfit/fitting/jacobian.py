@@ -43,7 +43,7 @@ class JacobianProducts:
         """Jᵀ · residuals, (N, P), for (N, M)."""
         found = []
         for (steps, drawn), rows in zip(self._parts, residuals.split([len(r) for _, r in self._parts]), strict=True):
-            found.append(torch.cat([part.flatten(1) for part in _gradients(drawn, steps, rows)], 1))
+            found.append(torch.cat([part.reshape(len(part), -1) for part in _gradients(drawn, steps, rows)], 1))
         return torch.cat(found)
 
 

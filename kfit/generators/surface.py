@@ -61,5 +61,5 @@ def surface_of(volume: Tensor, half_sides: Tensor, thickness: float, finer: int 
     # The padded grid runs from the centre of the cell before the box to that of the cell behind.
     unit = 2 * (places / finer - 0.5) / cells - 1
     vertices = unit * half_sides.double().cpu()
-    # Axes in the other order mirror the triangles.
-    return Surface(vertices.numpy(), faces[:, ::-1].astype(np.int64), torch.sigmoid(raw).numpy())
+    # scikit-image's triangles look inwards along (z, y, x), so outwards along the mirrored (x, y, z).
+    return Surface(vertices.numpy(), faces.astype(np.int64), torch.sigmoid(raw).numpy())

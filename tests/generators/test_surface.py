@@ -16,7 +16,7 @@ def ball(radius=0.3, side=32, half_sides=(0.4, 0.45, 0.5)):
     half = torch.tensor(half_sides)
     axes = [(2 * (torch.arange(side) + 0.5) / side - 1) * h for h in half]
     z, y, x = torch.meshgrid(axes[2], axes[1], axes[0], indexing="ij")
-    density = 40 * (radius - (x**2 + y**2 + z**2).sqrt()) + 6.5
+    density = 40 * (radius - (x**2 + y**2 + z**2).sqrt()) + 6.65
     red = torch.where(y > 0, 8.0, -8.0)
     return torch.stack([red, -8 + 0 * y, -8 + 0 * y, density.clamp_min(0)]), half
 
