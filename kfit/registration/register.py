@@ -150,7 +150,7 @@ def _covered(template: Template, state: Stage) -> Tensor:
     values = {name: value[:, 0] for name, value in first.values.items()}
     with torch.no_grad():
         if "gain" in template.variables:
-            ones = torch.ones_like(next(iter(values.values())).flatten(1)[:, 0])
+            ones = torch.ones(len(next(iter(values.values())))).to(template.pixels)
             values |= {"gain": ones, "bias": 0 * ones}
         if len(template.pixels) > 1:
             values["template"] = torch.arange(len(template.pixels), device=template.pixels.device)
