@@ -14,17 +14,19 @@ from torch import Tensor
 from kfit.callbacks import Pruning
 from kfit.core import Callback, Encoder, Energy, FitError, FitResult, Generator, Observation, Rendering, Variables
 from kfit.fitting.pipeline import FitPipeline
-from kfit.generators import ExtentsHead, MetricDepth, RadianceField, SimilarityWarp
+from kfit.generators import ExtentsHead, MetricDepth, MultiView, RadianceField, SimilarityWarp
 from kfit.geometry import Crop, PoseNetwork, diagonal_at, pose_from_crop, to_opencv
+from kfit.initializers import Constant
 from kfit.optimizers import Adam
 from kfit.pose.card import Card
 from kfit.pose.confidence import confidence
-from kfit.pose.defaults import BETAS, FINAL_RATE_FRACTION, default_energies, default_parts
+from kfit.pose.defaults import BETAS, FINAL_RATE_FRACTION, VIEWS_RATE, default_energies, default_parts
 from kfit.pose.hypotheses import PoseHypotheses, alternatives, ambiguity_warning, fitted_rotations, head_probability
 from kfit.pose.interpretation import interpret
 from kfit.pose.observed_object import ObservedObject
 from kfit.pose.result import PoseResult
-from kfit.segmentation import Photo, Segmenter
+from kfit.pose.views import Box, PhotoLike, observed_views
+from kfit.segmentation import Segmenter
 
 
 class CategoryModel:
@@ -67,6 +69,7 @@ class CategoryModel:
         num_steps: int = 16,
         callbacks: Sequence[Callback] | None = None,
         depth: bool = False,
+        views: bool = False,
         energies: Mapping[str, tuple[Energy, float]] | None = None,
     ) -> FitPipeline:
         """The fit that `pose` runs: the paper's, with an energy that works offline.
@@ -83,12 +86,19 @@ class CategoryModel:
             num_starts, num_steps: as in `kfit.FitPipeline`.
             callbacks: pruning to half the starts at step 3 unless given.
             depth: the observation has depth and intrinsics, which fix the distance; the generator must draw depth.
+            views: the observation has several views of each object, whose cameras fix distance and size.
             energies: of drawing and photo, by name and with their weights, instead of the first three.
         """
+        if depth and views:
+            raise ValueError("depth and views were both given; a fit of several photos is of colour alone")
         warped: Generator = SimilarityWarp(self.generator)
         parts, weights, initializers, rates = default_parts(
             self.encoder, self.pose_head, self.card, depth, default_energies() if energies is None else energies
         )
+        if views:
+            warped = MultiView(warped, self.image_size, self.card.unit_fraction)
+            initializers.append(Constant({"diagonal": self.card.mean_diagonal}))
+            rates["diagonal"] = VIEWS_RATE
         return FitPipeline(
             MetricDepth(warped) if depth else warped,
             parts,
@@ -103,12 +113,13 @@ class CategoryModel:
 
     def pose(
         self,
-        image: str | Path | Photo | NDArray[Any],
-        mask: NDArray[Any] | None = None,
-        box: tuple[float, float, float, float] | None = None,
+        image: PhotoLike | Sequence[PhotoLike],
+        mask: NDArray[Any] | Sequence[NDArray[Any]] | None = None,
+        box: Box | Sequence[Box] | None = None,
         intrinsics: NDArray[Any] | Tensor | None = None,
         depth: NDArray[Any] | None = None,
         *,
+        relative_poses: NDArray[Any] | Tensor | None = None,
         segmenter: str | Path | Segmenter | None = None,
         seed: int = 0,
         pipeline: FitPipeline | None = None,
@@ -122,11 +133,15 @@ class CategoryModel:
 
         Args:
             image: path of a photo, what `kfit.segmentation.read_photo` made of it, or (H, W, 3)
-                RGB: uint8, or floating point in [0, 1].
+                RGB: uint8, or floating point in [0, 1]. A list of V such: photos of one object by cameras whose poses
+                to one another are known; ``mask``, ``box`` and ``intrinsics`` are then lists too, and the answer is in
+                the first camera.
             mask: (H, W), above 0 on the object.
             box: left, top, width, height in pixels.
             intrinsics: (3, 3).
             depth: (H, W) in metres along the camera's axis; what is not finite and above 0 is unknown.
+            relative_poses: (V, 4, 4), take points in the first camera to each of V cameras (OpenCV axes, metres); the
+                first is the identity. They fix distance and size.
             segmenter: finds the object in ``box``, or without one the surest of this category: an ONNX file that
                 `kfit.segmentation.load_segmenter` reads, or any `kfit.segmentation.Segmenter`, such as detections.
             seed: decides the random numbers.
@@ -136,9 +151,20 @@ class CategoryModel:
             FileNotFoundError, ValueError: for a photo, mask, box, intrinsics or depth that cannot be used, in one
                 sentence.
         """
+        if isinstance(image, list | tuple):
+            if depth is not None:
+                raise ValueError("depth and several photos were both given; a fit of several photos is of colour alone")
+            seen, observation = observed_views(
+                image, self.card.category, self.image_size, mask, box, intrinsics, relative_poses, segmenter
+            )
+            pipeline = pipeline or self.pipeline(views=True)
+            there: Observation = observation.map(lambda tensor: tensor.to(pipeline.device))
+            return self.answer(pipeline(there, seed=seed), seen)
+        if relative_poses is not None:
+            raise ValueError("relative_poses were given for one photo; they belong to a list of photos")
         seen = ObservedObject.of(image, self.card.category, self.image_size, mask, box, intrinsics, depth, segmenter)
         pipeline = pipeline or self.pipeline(depth=depth is not None)
-        there: Observation = seen.observation.map(lambda tensor: tensor.to(pipeline.device))
+        there = seen.observation.map(lambda tensor: tensor.to(pipeline.device))
         return self.answer(pipeline(there, seed=seed), seen)
 
     @property
@@ -153,7 +179,9 @@ class CategoryModel:
         angles = (values["azimuth"], values["elevation"], values["roll"])
         shift, scale, camera = values["shift"], values["scale"], camera.double()
         diagonal = torch.tensor([self.card.mean_diagonal], dtype=torch.float64)
-        if "distance" in values:
+        if "diagonal" in values:
+            diagonal = values["diagonal"]
+        elif "distance" in values:
             diagonal = diagonal_at(values["distance"], shift, scale, crop, camera, unit)
         return *pose_from_crop(*angles, shift, scale, crop, camera, diagonal, unit), diagonal
 

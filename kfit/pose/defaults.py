@@ -18,6 +18,8 @@ FINAL_RATE_FRACTION = 0.08
 BETAS = (0.7, 0.95)
 # Where depth is seen: distance in logarithms, the focal length known.
 DEPTH_RATES = {"distance": 0.01, "focal": 0.0}
+# Where several cameras see it: the size in logarithms.
+VIEWS_RATE = 0.02
 DEPTH_WEIGHT = 4.0  # of a box diagonal
 
 

@@ -45,7 +45,7 @@ def interpret(
         rotation=rotation.numpy(),
         translation=translation.numpy(),
         size=size.numpy(),
-        size_from="depth" if "distance" in fit.values else "mean size",
+        size_from="views" if "diagonal" in fit.values else "depth" if "distance" in fit.values else "mean size",
         bbox_xywh=(left, top, int(columns[-1]) + 1 - left, int(rows[-1]) + 1 - top),
         energy=float(fit.energy[0]),
         confidence=min(hypotheses.confidence, 1.0 if {PLAIN, WHOLE}.isdisjoint(seen.notes) else DOUBTFUL),

@@ -45,7 +45,7 @@ class PoseResult:
         rotation: (3, 3), object (NOCS axes, y up) to camera (OpenCV: x right, y down, z forward).
         translation: (3,) of the object's centre, in metres.
         size: (3,) sides of the object's box along its own axes, in metres.
-        size_from: "depth", or "mean size" where size and distance rest on the category's.
+        size_from: "depth", "views" of several cameras, or "mean size" where size and distance rest on the category's.
         bbox_xywh: left, top, width, height of the mask's box, in pixels.
         energy: of the winning start; lower is better.
         confidence: probability in [0, 1] that the rotation is within 20° of the truth, calibrated on held-out

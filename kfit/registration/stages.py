@@ -96,11 +96,7 @@ def _light_starts(template: Template, before: FitResult | None) -> list[Initiali
         return []
     if before is None:
         return [Constant({"gain": 1.0, "bias": 0.0})]
-    return [_AtEachStart(before, ["gain", "bias"])]
-
-
-class _AtEachStart(Previous):
-    """Gain and bias of the level before at every start."""
+    return [Previous(before, on=["gain", "bias"])]
 
 
 def _scaling(small: tuple[int, int], large: tuple[int, int], like: Tensor) -> Tensor:

@@ -1,0 +1,95 @@
+"""One object in several photos, made ready to be fitted at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from kfit.core import Observation
+from kfit.core.check import check_shape
+from kfit.pose.observed_object import ObservedObject
+from kfit.segmentation import Photo, Segmenter, load_segmenter
+
+PhotoLike: TypeAlias = "str | Path | Photo | NDArray[Any]"
+Box: TypeAlias = tuple[float, float, float, float]
+
+
+def observed_views(
+    images: Sequence[PhotoLike],
+    category: str,
+    size: int,
+    masks: Any,
+    boxes: Any,
+    intrinsics: Any,
+    relative_poses: Any,
+    segmenter: str | Path | Segmenter | None,
+) -> tuple[ObservedObject, Observation]:
+    """Find the object in each photo; what was seen in the first, and one problem of all views.
+
+    Args:
+        images: V photos.
+        category: that a segmenter is to look for.
+        size: of the pictures in pixels.
+        masks, boxes, intrinsics: lists of V, or None; one (3, 3) serves all.
+        relative_poses: (V, 4, 4), from the first camera to each.
+        segmenter: as `kfit.pose.CategoryModel.pose` takes it.
+
+    Raises:
+        ValueError: for lists of other lengths, and poses that are no rigid motions or whose first is no identity.
+    """
+    count = len(images)
+    if count < 2:
+        raise ValueError(f"a list of photos must hold at least 2, got {count}")
+    if isinstance(segmenter, str | Path):
+        segmenter = load_segmenter(segmenter)
+    poses = _checked_poses(relative_poses, count)
+    shared = intrinsics is not None and torch.as_tensor(intrinsics).dim() == 2
+    cameras = [intrinsics] * count if shared or intrinsics is None else list(intrinsics)
+    lists = {"mask": masks, "box": boxes, "intrinsics": cameras}
+    for name, values in lists.items():
+        if values is not None and len(values) != count:
+            raise ValueError(f"{name} must hold one for each of the {count} photos, got {len(values)}")
+    found = [
+        ObservedObject.of(
+            image,
+            category,
+            size,
+            None if masks is None else masks[number],
+            None if boxes is None else boxes[number],
+            cameras[number],
+            segmenter=segmenter,
+        )
+        for number, image in enumerate(images)
+    ]
+    crops = [(one.crop.image_to_crop @ one.intrinsics.double()).float() for one in found]
+    observation = Observation(
+        image=torch.cat([one.observation.image for one in found]),
+        mask=torch.cat([one.observation.field("mask") for one in found]),
+        intrinsics=torch.stack(crops),
+        trans_cam_ref=poses.float(),
+        views=count,
+    )
+    others = [f"photo {number + 1}: {note}" for number, one in enumerate(found) if number for note in one.notes]
+    return replace(found[0], notes=(*found[0].notes, *others)), observation
+
+
+def _checked_poses(poses: Any, count: int) -> Tensor:
+    if poses is None:
+        raise ValueError("several photos need relative_poses, (V, 4, 4), from the first camera to each")
+    poses = torch.as_tensor(poses, dtype=torch.float64)
+    check_shape("relative_poses", poses, (count, 4, 4))
+    turns, eye = poses[:, :3, :3], torch.eye(3, dtype=torch.float64)
+    rigid = bool(((turns @ turns.mT - eye).abs() < 1e-3).all()) and bool((torch.linalg.det(turns) > 0).all())
+    if not rigid or not bool((poses[:, 3] == poses.new_tensor([0.0, 0.0, 0.0, 1.0])).all()):
+        raise ValueError(
+            "relative_poses must be rigid motions: a rotation, a translation, and a last row of 0, 0, 0, 1"
+        )
+    if not torch.allclose(poses[0], torch.eye(4, dtype=torch.float64), atol=1e-6):
+        raise ValueError("relative_poses must begin with the identity, the first camera's own")
+    return poses
