@@ -29,7 +29,7 @@ photos, poses = folder / "photos", folder / "poses"
 photos.mkdir(parents=True, exist_ok=True)
 views = held_out_views(kfit.load("mug"), num_views=6, seed=6)
 lens = Image.Exif()
-lens[0xA405] = round(float(views.intrinsics[0, 0]) * math.hypot(36, 24) / math.hypot(*views.masks[0].shape))
+lens[0xA405] = round(float(views.intrinsics[0, 0, 0]) * math.hypot(36, 24) / math.hypot(*views.masks[0].shape))
 for number, (photo, mask) in enumerate(zip(views.photos, views.masks, strict=True)):
     Image.fromarray(img_as_ubyte(photo)).save(photos / f"mug{number}.jpg", exif=lens, quality=95)
     Image.fromarray(img_as_ubyte(mask > 0.5)).save(photos / f"mug{number}_mask.png")

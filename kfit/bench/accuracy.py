@@ -8,7 +8,7 @@ import shlex
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from jsonargparse import ArgumentParser, Namespace
 
@@ -62,6 +62,13 @@ def add_sources(parser: ArgumentParser, views: int) -> None:
     seen = parser.add_argument_group("what they are measured on")
     seen.add_argument("--views", type=int, default=views, help="procedural objects a category, a view each; 0: none")
     seen.add_argument(
+        "--views-of",
+        type=Literal["upright", "table", "any"],
+        default="upright",
+        help="how objects and scans are seen: upright in the middle of the picture, hand-held before a table (off the "
+        "middle, rolled, 0.4 to 1.2 m away, known intrinsics), or from anywhere (all rotations)",
+    )
+    seen.add_argument(
         "--meshes",
         type=list[str],
         default=[],
@@ -113,11 +120,12 @@ def run(args: Namespace) -> None:
         procedural = fits.procedural() if args.views else {}
         scans = fits.scans() if args.meshes else {}
         objects = fits.objects() if args.nocs else []
+    how_seen = f", {args.views_of} views" + (", with depth" if args.depth else "")
     sections = []
     if procedural:
-        sections.append(views_section("Unseen procedural objects" + (", with depth" if args.depth else ""), procedural))
+        sections.append(views_section(f"Unseen procedural objects{how_seen}", procedural))
     if scans:
-        sections.append(views_section("Scans" + (", with depth" if args.depth else ""), scans))
+        sections.append(views_section(f"Scans{how_seen}", scans))
     if objects:
         sections.append(objects_section(objects))
     for section in sections:
@@ -152,11 +160,11 @@ def write_card(
 
     (model,) = models.values()
     schedule = {name: _schedule(args)[name] for name in ("starts", "steps", "pruned", "seed")}
-    with_depth = ", with depth" if args.depth else ""
+    how_seen = f", {args.views_of} views" + (", with depth" if args.depth else "")
     for found in procedural.values():
-        model.card.accuracy[f"unseen procedural objects, held-out families{with_depth}"] = {**schedule, **found}
+        model.card.accuracy[f"unseen procedural objects, held-out families{how_seen}"] = {**schedule, **found}
     if scans:
-        model.card.accuracy[f"scans{with_depth}"] = {**schedule, **scans}
+        model.card.accuracy[f"scans{how_seen}"] = {**schedule, **scans}
     if objects:
         model.card.accuracy["objects of NOCS's frames, true masks"] = {**schedule, "objects": objects}
     card = Path(args.model).with_suffix(".json")
@@ -170,6 +178,7 @@ def _schedule(args: Namespace) -> dict[str, Any]:
         "pruned": args.prune,
         "seed": args.seed,
         "views a category": args.views,
+        "views of": args.views_of,
         "views a scan": args.scan_views,
         "depth": args.depth,
     }

@@ -35,7 +35,8 @@ class AccuracyFits:
         models: by category.
         bar: shows what is done.
         pipeline: the fit of a model, with depth or without.
-        args: ``views`` and ``seed`` of procedural objects, ``meshes``, ``scan_views`` and ``nocs`` of others.
+        args: ``views`` and ``seed`` of procedural objects, ``meshes``, ``scan_views`` and ``nocs`` of others,
+            ``views_of`` of both.
         depth: fit the views' depth too.
         shown: whether sheets are wanted.
         sheets: pictures by file name.
@@ -59,7 +60,9 @@ class AccuracyFits:
             if category not in self.views:
                 self.bar.update(task, description=f"{category}, drawing")
                 shown = partial(self._show, task)
-                self.views[category] = held_out_views(model, self.args.views, self.args.seed, on_view=shown)
+                self.views[category] = held_out_views(
+                    model, self.args.views, self.args.seed, on_view=shown, kind=self.args.views_of
+                )
                 self.bar.reset(task, description=f"{category}, procedural")
             found[category] = self._measured(model, self.views[category], task, f"{category} procedural")
         return found
@@ -77,7 +80,7 @@ class AccuracyFits:
             name = f"{scan.category}: {scan.name}"
             task = self.bar.add_task(name, total=self.args.scan_views)
             if name not in self.views:
-                self.views[name] = scan_views(model, scan, self.args.scan_views, self.args.seed)
+                self.views[name] = scan_views(model, scan, self.args.scan_views, self.args.seed, self.args.views_of)
             found[name] = self._measured(model, self.views[name], task, f"{scan.category} scan {scan.name}")
         return found
 

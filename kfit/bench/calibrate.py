@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -9,12 +10,16 @@ from jsonargparse import ArgumentParser, Namespace
 
 from kfit.runtime.console import progress, table_console
 
+# An answer of at least this confidence is taken for certain.
+CONFIDENT = 0.8
+
 
 def parser() -> ArgumentParser:
     """Arguments of ``kfit calibrate``."""
     parser = ArgumentParser(
-        description="Fit views of unseen procedural objects as `kfit pose` does, fit to them a logistic model of when "
-        "an answer is within 20° of the truth, write it into the model's card, and print by cross-validation how often "
+        description="Fit views of unseen procedural objects as `kfit pose` does: upright, on a table, from anywhere, "
+        "occluded, cut off, badly masked, and things of other categories. Fit to them a logistic model of when an "
+        "answer is within 20° of the truth, write it into the model's card, and print by cross-validation how often "
         "answers of which confidence are right. The whole rotation counts, also of mugs whose handle is hidden.",
         epilog="examples:\n  kfit calibrate --model mug.safetensors --views 200\n"
         "  kfit calibrate --model mug.safetensors --seed 0 --check",
@@ -26,7 +31,7 @@ def parser() -> ArgumentParser:
         metavar="FILE.safetensors",
         help="the model, whose card beside it is written to",
     )
-    parser.add_argument("--views", type=int, default=200, help="number of objects, one view each")
+    parser.add_argument("--views", type=int, default=400, help="number of objects, one view each")
     parser.add_argument("--seed", type=int, default=7, help="chooses the objects and poses")
     parser.add_argument("--depth", action="store_true", help="calibrate fits to depth too")
     parser.add_argument("--check", action="store_true", help="try what the card holds on these views; write nothing")
@@ -39,14 +44,11 @@ def run(args: Namespace) -> None:
         raise ValueError(f"--model must name a .safetensors file, got {args.model}")
     if args.views < 2:
         raise ValueError(f"--views must be at least 2, got {args.views}")
-    import torch
-
-    from kfit.bench.held_out_views import RIGHT_DEG, held_out_views, rotation_errors
-    from kfit.geometry import rotation_error
+    from kfit.bench.calibration_views import calibration_views
+    from kfit.bench.held_out_views import RIGHT_DEG, answers, rotation_errors
     from kfit.models import load
-    from kfit.pose.calibrating import calibrate, reliability
-    from kfit.pose.confidence import evidence, how_fitted
-    from kfit.pose.hypotheses import fitted_rotations
+    from kfit.pose.calibrating import calibrate, cross_validated, reliability
+    from kfit.pose.confidence import how_fitted
     from kfit.runtime.atomic_write import atomic_write
 
     model = load(args.model)
@@ -55,38 +57,75 @@ def run(args: Namespace) -> None:
     if args.check and before is None:
         raise ValueError(f"--check: the card of {args.model} holds no calibration of {kind} fits")
     pipeline = model.pipeline(depth=args.depth)
+    names: list[str] = []
+    told: list[dict[str, float]] = []
+    right: list[bool] = []
+    energy: list[float] = []
+    fitted = None
     with progress() as bar:
         task = bar.add_task("drawing", total=args.views)
-        views = held_out_views(model, args.views, args.seed, on_view=lambda done: bar.update(task, completed=done))
+        sets = list(calibration_views(model, args.views, args.seed, lambda done: bar.update(task, completed=done)))
         bar.reset(task, description="fitting")
-        _, results = rotation_errors(model, views, pipeline, on_batch=lambda done: bar.update(task, completed=done))
-    told, right, energy = [], [], []
-    upright, pose_log_probabilities = (
-        torch.eye(3, dtype=torch.float64),
-        model.pose_log_probabilities(views.observation.image),
-    )
-    fits = (result.of(row) for result in results for row in range(len(result.energy)))
-    for number, fit in enumerate(fits):
-        if fit.start[0] < 0:
-            continue  # there is no answer to be sure of
-        hypotheses = model.hypotheses(
-            fit, upright, None if pose_log_probabilities is None else pose_log_probabilities[number : number + 1]
-        )
-        told.append(evidence(hypotheses.alternatives, hypotheses.seen))
-        # The whole rotation, also of mugs whose handle is hidden: a guess at it is no answer to be sure of.
-        error = rotation_error(fitted_rotations(fit.values)[0], views.rotation[number], model.card.known.symmetry)
-        right.append(float(error.rad2deg()) < RIGHT_DEG)
-        energy.append(float(fit.energy[0]))
+        for chosen, views in sets:
+            _, results = rotation_errors(model, views, pipeline)
+            fitted = fitted or results[0]
+            for answer in answers(model, views, results):
+                names.append(chosen.name)
+                told.append(answer.evidence)
+                right.append(answer.error_deg < RIGHT_DEG and not chosen.foreign)
+                energy += [] if chosen.foreign else [answer.energy]
+            bar.advance(task, len(views.crops))
     if args.check and before is not None:
-        print_reliability(reliability([before.probability(one) for one in told], right), "the card's calibration")
+        probabilities = [before.probability(one) for one in told]
+        print_reliability(reliability(probabilities, right), "the card's calibration")
+        print_sets(by_set(names, probabilities, right))
         over = sum(one > before.energy_99 for one in energy) / len(energy)
-        print(f"{100 * over:.0f} % of the views have an energy above the card's {before.energy_99:.3f}")
+        print(f"{100 * over:.0f} % of the category's views have an energy above the card's {before.energy_99:.3f}")
         return
+    if fitted is None or not told:
+        raise ValueError("no view could be fitted, so there is nothing to calibrate")
     weights = {name: float(weight) for name, weight in pipeline.weights.items() if weight}  # type: ignore[arg-type]
-    model.card.calibration[kind] = calibrate(told, right, energy, how_fitted(results[0], weights), args.seed)
+    found = calibrate(told, right, energy, how_fitted(fitted, weights), args.seed)
+    found.measured["sets"] = by_set(names, cross_validated(told, right), right)
+    model.card.calibration[kind] = found
     card = Path(args.model).with_suffix(".json")
     atomic_write(card.parent, {card.name: model.card.write})
-    print_reliability(model.card.calibration[kind].measured, "by cross-validation")
+    print_reliability(found.measured, "by cross-validation")
+    print_sets(found.measured["sets"])
+
+
+def by_set(names: Sequence[str], probabilities: Sequence[float], right: Sequence[bool]) -> dict[str, Any]:
+    """Number of answers of each set, the share of right ones, and of those that are given 0.8 or more."""
+    found: dict[str, Any] = {}
+    for name in dict.fromkeys(names):
+        rows = [(p, yes) for one, p, yes in zip(names, probabilities, right, strict=True) if one == name]
+        high = [yes for p, yes in rows if p >= CONFIDENT]
+        found[name] = {
+            "number": len(rows),
+            "right": sum(yes for _, yes in rows) / len(rows),
+            "mean confidence": sum(p for p, _ in rows) / len(rows),
+            "confident": len(high),
+            "right of the confident": sum(high) / len(high) if high else None,
+        }
+    return found
+
+
+def print_sets(found: dict[str, Any]) -> None:
+    """Print what `by_set` found."""
+    from rich.table import Table
+
+    table = Table("views", "answers", "right", "mean confidence", f"confidence ≥ {CONFIDENT:g}", "right of these")
+    for name, row in found.items():
+        share = row["right of the confident"]
+        table.add_row(
+            name,
+            str(row["number"]),
+            f"{100 * row['right']:.0f} %",
+            f"{100 * row['mean confidence']:.0f} %",
+            str(row["confident"]),
+            "–" if share is None else f"{100 * share:.0f} %",
+        )
+    table_console(100).print(table)
 
 
 def print_reliability(found: dict[str, Any], how: str) -> None:
@@ -96,7 +135,7 @@ def print_reliability(found: dict[str, Any], how: str) -> None:
     table = Table("confidence", "answers", "on average", "within 20°", title=how)
     for row in found["bins"]:
         span = f"{100 * row['from']:.0f} to {100 * row['to']:.0f} %"
-        table.add_row(span, str(row["number"]), f"{100 * row['args']:.0f} %", f"{100 * row['right']:.0f} %")
+        table.add_row(span, str(row["number"]), f"{100 * row['said']:.0f} %", f"{100 * row['right']:.0f} %")
     table_console(100).print(table)
     print(
         f"{100 * found['right']:.0f} % of {sum(row['number'] for row in found['bins'])} are within 20°; calibration "

@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from kfit.bench.view_cameras import ViewsOf, sample_view
 from kfit.core import FitResult, Observation
-from kfit.core.check import check_count
-from kfit.data import Light, Mesh, build, pose_view
-from kfit.data.rasterizer import View, standard_intrinsics
+from kfit.core.check import check_choice, check_count
+from kfit.data import Light, Mesh, build, render
+from kfit.data.rasterizer import View
 from kfit.fitting.pipeline import FitPipeline
 from kfit.geometry import Crop, observed, rotation_error, rotation_from_angles
 from kfit.pose.category_model import CategoryModel
+from kfit.pose.confidence import evidence
+from kfit.pose.hypotheses import fitted_rotations
 from kfit.pose.observed_object import ObservedObject
 from kfit.pose.result import PoseResult
 
@@ -34,11 +37,11 @@ class HeldOutViews:
 
     Attributes:
         observation: N problems, with depth and intrinsics.
-        rotation: (N, 3, 3) in the generator's y-up frame.
+        rotation: (N, 3, 3) relative to the ray to the object's centre, in the generator's y-up frame.
         visible: (N,) False where a mug's handle is hidden.
-        distance: (N,) of the objects' centres on the photo's axis, in metres.
+        translation: (N, 3) of the objects' centres in metres, in OpenCV axes.
         crops: N squares that were cut out.
-        intrinsics: (3, 3) of the photos.
+        intrinsics: (N, 3, 3) of the photos.
         photos: N pictures (H, W, 3) in [0, 1] on white.
         masks: N of them, (H, W) in [0, 1].
     """
@@ -46,7 +49,7 @@ class HeldOutViews:
     observation: Observation
     rotation: Tensor
     visible: Tensor
-    distance: Tensor
+    translation: Tensor
     crops: list[Crop]
     intrinsics: Tensor
     photos: list[NDArray[np.float32]]
@@ -60,11 +63,12 @@ def held_out_views(
     photo_size: int = 256,
     training: bool = False,
     on_view: Callable[[int], None] = lambda done: None,
+    kind: ViewsOf = "upright",
+    corruption: Callable[[View, np.random.Generator], View] | None = None,
 ) -> HeldOutViews:
     """Draw one view each of ``num_views`` objects of seeds and of shape and texture families held out of training.
 
-    They are drawn by `views_of`. For comparison, ``training`` shows objects of training instead;
-    ``on_view`` is told how many are drawn.
+    They are drawn by `views_of`. For comparison, ``training`` shows objects of training instead.
     """
     check_count("held_out_views: num_views", num_views)
     check_count("held_out_views: seed", seed, 0)
@@ -72,7 +76,7 @@ def held_out_views(
     # Far from the seeds that training and its validation count up from 0.
     first = 0 if training else 1_000_000 + 1_000 * seed
     objects = (build(model.card.category, first + number, held_out=not training) for number in range(num_views))
-    return views_of(model, objects, seed, photo_size, on_view)
+    return views_of(model, objects, seed, photo_size, on_view, kind, corruption)
 
 
 def views_of(
@@ -81,35 +85,49 @@ def views_of(
     seed: int = 0,
     photo_size: int = 256,
     on_view: Callable[[int], None] = lambda done: None,
+    kind: ViewsOf = "upright",
+    corruption: Callable[[View, np.random.Generator], View] | None = None,
 ) -> HeldOutViews:
     """Draw one view each of normalised objects in NOCS's frame.
 
-    Azimuths over the full circle, elevations over the card's range, the training camera; each is drawn as a photo of
-    ``photo_size`` pixels and cut out by its mask, so that scale and shift are unknown as they are in photos. Objects
+    Each is drawn as a photo and cut out by its mask, so that scale and shift are unknown as they are in photos. Objects
     are up to a fifth larger or smaller than the category's mean.
+
+    Args:
+        model: whose category and crops they are.
+        objects: meshes with their light.
+        seed: chooses the poses.
+        photo_size: side in pixels of an upright view.
+        on_view: called with the number of views that are drawn.
+        kind: how the objects are seen, see `kfit.bench.view_cameras.sample_view`.
+        corruption: changes a photo before the object is cut out of it.
     """
+    check_choice("views_of: kind", kind, ("upright", "table", "any"))
     card = model.card
-    camera = torch.from_numpy(standard_intrinsics(photo_size, card.distance, card.unit_fraction)).double()
-    pieces, crops, rotations, visible, diagonals, photos, masks = [], [], [], [], [], [], []
+    pieces, crops, cameras, visible, places, photos, masks = [], [], [], [], [], [], []
     for number, (mesh, light) in enumerate(objects):
         rng = np.random.default_rng([seed, number])
-        azimuth, elevation = rng.uniform(-math.pi, math.pi), math.radians(rng.uniform(*card.elevation_deg))
-        view = pose_view(mesh, elevation, azimuth, light, photo_size, card.distance, card.unit_fraction)
-        crop, diagonal = Crop.around(view.mask), card.mean_diagonal * 1.2 ** rng.uniform(-1, 1)
+        diagonal = card.mean_diagonal * 1.2 ** rng.uniform(-1, 1)
+        camera = sample_view(kind, card, diagonal, photo_size, rng)
+        view = render(mesh, camera.world2cam, camera.intrinsics, camera.size, light)
+        shown = handle_share(view, mesh.extents) if card.category == "mug" else 1.0
+        if corruption is not None:
+            view = corruption(view, rng)
+        crop = Crop.around(view.mask, model.image_size)
         depth = np.where(view.mask > 0, diagonal * view.depth, 0.0)
-        pieces.append(observed(crop, _unblended(view), view.mask, depth, camera))
+        pieces.append(observed(crop, _unblended(view), view.mask, depth, torch.from_numpy(camera.intrinsics)))
         crops.append(crop)
-        diagonals.append(diagonal)
-        rotations.append(rotation_from_angles(*torch.tensor([azimuth, elevation, 0.0], dtype=torch.float64)))
-        visible.append(card.category != "mug" or handle_share(view, mesh.extents) >= HANDLE_SHARE)
+        cameras.append(camera)
+        places.append(diagonal * camera.translation)
+        visible.append(shown >= HANDLE_SHARE)
         photos.append(view.image)
         masks.append(view.mask)
         on_view(number + 1)
     fields = {name: torch.cat([piece.field(name) for piece in pieces]) for name in FIELDS}
     seen = Observation(**fields, keys=tuple(range(len(pieces))))
-    distance = card.distance * torch.tensor(diagonals)
-    shown = torch.tensor(visible)
-    return HeldOutViews(seen, torch.stack(rotations), shown, distance, crops, camera, photos, masks)
+    rotation = torch.stack([camera.rotation for camera in cameras])
+    intrinsics = torch.stack([torch.from_numpy(camera.intrinsics) for camera in cameras])
+    return HeldOutViews(seen, rotation, torch.tensor(visible), torch.stack(places), crops, intrinsics, photos, masks)
 
 
 def handle_share(view: View, extents: NDArray[np.float32]) -> float:
@@ -162,9 +180,9 @@ def translation_errors(model: CategoryModel, views: HeldOutViews, results: list[
     """Distances in metres (N,) between where the objects are and where the fits of `rotation_errors` have them."""
     errors: list[Tensor] = []
     for fit in (result.of(number) for result in results for number in range(len(result.energy))):
-        truth = views.distance[len(errors)] * torch.tensor([0.0, 0.0, 1.0])
-        _, found, _ = model.placed(fit.values, views.crops[len(errors)], views.intrinsics)
-        errors.append((found[0] - truth).norm())
+        number = len(errors)
+        _, found, _ = model.placed(fit.values, views.crops[number], views.intrinsics[number])
+        errors.append((found[0] - views.translation[number]).norm())
     return torch.stack(errors)
 
 
@@ -173,8 +191,35 @@ def answer_to(model: CategoryModel, views: HeldOutViews, results: list[FitResult
     fit = [result.of(row) for result in results for row in range(len(result.energy))][number]
     fields = {name: views.observation.field(name)[number : number + 1] for name in FIELDS}
     seen = Observation(**fields, keys=(number,))
-    where = (views.photos[number], views.masks[number], views.crops[number], views.intrinsics)
+    where = (views.photos[number], views.masks[number], views.crops[number], views.intrinsics[number])
     return model.answer(fit, ObservedObject(seen, *where, "given", ()))
+
+
+class Answer(NamedTuple):
+    """What a fit of one view comes to.
+
+    Attributes:
+        evidence: see `kfit.pose.confidence.evidence`.
+        error_deg: of the whole rotation, also of mugs whose handle is hidden: a guess at it is no certain answer.
+        energy: of the winner.
+    """
+
+    evidence: dict[str, float]
+    error_deg: float
+    energy: float
+
+
+def answers(model: CategoryModel, views: HeldOutViews, results: list[FitResult]) -> Iterator[Answer]:
+    """Answers to the views that `rotation_errors` fitted without failing."""
+    upright, log_probabilities = torch.eye(3).double(), model.pose_log_probabilities(views.observation.image)
+    fits = (result.of(row) for result in results for row in range(len(result.energy)))
+    for number, fit in enumerate(fits):
+        if fit.start[0] < 0:
+            continue
+        head = None if log_probabilities is None else log_probabilities[number : number + 1]
+        hypotheses = model.hypotheses(fit, upright, head)
+        error = rotation_error(fitted_rotations(fit.values)[0], views.rotation[number], model.card.known.symmetry)
+        yield Answer(evidence(hypotheses.alternatives, hypotheses.seen), float(error.rad2deg()), float(fit.energy[0]))
 
 
 def called_ambiguous(model: CategoryModel, views: HeldOutViews, results: list[FitResult]) -> Tensor:

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from kfit.bench.held_out_views import HeldOutViews, views_of
+from kfit.bench.view_cameras import ViewsOf
 from kfit.data import Light, Mesh
 from kfit.data.exposure import with_exposure
 from kfit.data.mesh_files import find_meshes, load_mesh
@@ -112,8 +113,10 @@ def _named(path: Path) -> str | None:
     return None
 
 
-def scan_views(model: CategoryModel, scan: Scan, num_views: int, seed: int = 0) -> HeldOutViews:
+def scan_views(
+    model: CategoryModel, scan: Scan, num_views: int, seed: int = 0, kind: ViewsOf = "upright"
+) -> HeldOutViews:
     """Views of one scan as `kfit.bench.held_out_views.views_of` draws them, each in a random light of its own."""
     mesh = scan.mesh()
     lights = (Light.random(np.random.default_rng([seed, number, 1])) for number in range(num_views))
-    return views_of(model, ((mesh, light) for light in lights), seed)
+    return views_of(model, ((mesh, light) for light in lights), seed, kind=kind)

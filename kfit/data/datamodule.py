@@ -11,7 +11,7 @@ from lightning import LightningDataModule
 from torch import Tensor
 from torch.utils.data import DataLoader, DistributedSampler
 
-from kfit.core.check import check_choice, check_count, check_text
+from kfit.core.check import check_choice, check_count, check_rising, check_text
 from kfit.data.mesh_files import find_meshes
 from kfit.data.view_pairs import ViewPairs
 from kfit.data.views import Views, build_views
@@ -48,6 +48,7 @@ class ViewsDataModule(LightningDataModule):
         meshes: Folder of meshes to use instead of procedural objects.
         views: Existing HDF5 file of views to use instead of rendering any.
         num_val_objects: Objects to validate on, and to test on; at most a third of an existing file's.
+        distance_range: Range of the camera's distance in box diagonals; equal ends fix it.
         seed: Chooses objects, poses, pairs and their order.
     """
 
@@ -62,6 +63,7 @@ class ViewsDataModule(LightningDataModule):
         meshes: str | None = None,
         views: str | None = None,
         num_val_objects: int = 40,
+        distance_range: tuple[float, float] = (1.3, 8.0),
         seed: int = 0,
     ) -> None:
         super().__init__()
@@ -71,6 +73,7 @@ class ViewsDataModule(LightningDataModule):
         check_count("image_size", image_size, 1, 4096)
         check_count("batch_size", batch_size)
         check_count("num_val_objects", num_val_objects)
+        check_rising("distance_range", distance_range, 1, 1e6)
         check_count("seed", seed, 0)
         for name, path in {"cache_dir": cache_dir, "meshes": meshes, "views": views}.items():
             if path is not None or name == "cache_dir":
@@ -80,7 +83,7 @@ class ViewsDataModule(LightningDataModule):
         self.save_hyperparameters()
         self.category, self.num_objects, self.num_views, self.image_size = category, num_objects, num_views, image_size
         self.batch_size, self.cache_dir, self.meshes, self.views = batch_size, cache_dir, meshes, views
-        self.num_val_objects, self.seed = num_val_objects, seed
+        self.num_val_objects, self.distance_range, self.seed = num_val_objects, distance_range, seed
         self.train_pairs: ViewPairs | None = None
         self.val_pairs: ViewPairs | None = None
         self.test_pairs: ViewPairs | None = None
@@ -172,6 +175,7 @@ class ViewsDataModule(LightningDataModule):
             self._seed_of(part),
             held_out,
             category.elevation_deg,
+            distance=self.distance_range,
             unit_fraction=category.unit_fraction,
         )
 

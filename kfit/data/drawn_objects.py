@@ -28,7 +28,7 @@ class DrawnObjects(Dataset[tuple[np.ndarray, ...]]):
     """Views of each object, as `kfit.data.views.build_views` draws and keeps them.
 
     Each is RGB and mask (V, S, S, 4) uint8, depth (V, S, S) relative to the object's centre, elevations and azimuths
-    (V, 2) in degrees, and extents (3,).
+    (V, 2) in degrees, distances (V,) in box diagonals, and extents (3,).
 
     Args:
         settings: of the build.
@@ -43,18 +43,24 @@ class DrawnObjects(Dataset[tuple[np.ndarray, ...]]):
         return len(self.indices)
 
     def __getitem__(self, number: int) -> tuple[np.ndarray, ...]:
-        index, said = self.indices[number], self.settings
-        seed, held_out, count, distance = (said[name] for name in ("seed", "held_out", "num_views", "distance"))
-        low, high = said["elevation_deg"]
+        index, settings = self.indices[number], self.settings
+        seed, held_out, count = (settings[name] for name in ("seed", "held_out", "num_views"))
+        size, unit_fraction, supersample = (settings[name] for name in ("image_size", "unit_fraction", "supersample"))
         mesh, light = _object(self.source, seed, index, held_out)
         rng = np.random.default_rng([seed, index, int(held_out), 1])
-        elevations = rng.uniform(low, high, count)
+        upright = rng.random(count) < settings["upright"]
+        on_sphere = np.rad2deg(np.arcsin(rng.uniform(-1, 1, count)))
+        (low, high), (nearest, farthest) = settings["elevation_deg"], settings["distance"]
+        elevations = np.where(upright, rng.uniform(low, high, count), on_sphere)
         azimuths = rng.uniform(0, 360, count)
-        how = (light, said["image_size"], distance, said["unit_fraction"], said["supersample"])
-        views = [pose_view(mesh, np.deg2rad(e), np.deg2rad(a), *how) for e, a in zip(elevations, azimuths, strict=True)]
-        rgba = np.stack([np.concatenate([view.image, view.mask[..., None]], axis=2) for view in views])
-        depth = np.stack([np.where(view.mask > 0, view.depth - distance, 0) for view in views])
-        return (rgba * 255 + 0.5).astype(np.uint8), depth, np.stack([elevations, azimuths], axis=1), mesh.extents
+        distances = np.exp(rng.uniform(np.log(nearest), np.log(farthest), count)).astype(np.float32)
+        rgba, depth = [], []
+        for elevation, azimuth, distance in zip(np.deg2rad(elevations), np.deg2rad(azimuths), distances, strict=True):
+            view = pose_view(mesh, elevation, azimuth, light, size, float(distance), unit_fraction, supersample)
+            rgba.append(np.concatenate([view.image, view.mask[..., None]], axis=2))
+            depth.append(np.where(view.mask > 0, view.depth - distance, 0))
+        images = (np.stack(rgba) * 255 + 0.5).astype(np.uint8)
+        return images, np.stack(depth), np.stack([elevations, azimuths], axis=1), distances, mesh.extents
 
 
 def in_order(objects: DrawnObjects) -> DataLoader[Any]:

@@ -169,7 +169,7 @@ def pose_view(
     """Draw a normalised mesh with the standard camera at an elevation and azimuth in radians, roll 0.
 
     ``R_cam_obj = Rx(elevation)·Ry(azimuth)``; the camera stands ``distance`` diagonals away on its own z axis and looks
-    at the object's centre; ``focal = unit_fraction · image_size · distance`` pixels.
+    at the object's centre; its focal length is that of ``standard_intrinsics``.
     """
     check_range("elevation", elevation)
     check_range("azimuth", azimuth)
@@ -198,8 +198,13 @@ def standard_pose(elevation: float, azimuth: float, distance: float = DISTANCE) 
 def standard_intrinsics(
     image_size: int, distance: float = DISTANCE, unit_fraction: float = UNIT_FRACTION
 ) -> np.ndarray:
-    """(3, 3) pinhole matrix of the standard camera in pixels, pixel centres at integers."""
-    focal, centre = unit_fraction * image_size * distance, (image_size - 1) / 2
+    """(3, 3) pinhole matrix of the standard camera in pixels, pixel centres at integers.
+
+    The sphere of unit diameter, which holds every normalised object, has a silhouette ``unit_fraction`` times as wide
+    as the picture at any distance D: ``focal = unit_fraction · image_size · √(D² − 1/4)``.
+    """
+    check_range("distance", distance, 1, 1e6)
+    focal, centre = unit_fraction * image_size * np.sqrt(distance**2 - 0.25), (image_size - 1) / 2
     return np.array([[focal, 0, centre], [0, focal, centre], [0, 0, 1]])
 
 

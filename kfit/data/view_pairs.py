@@ -18,7 +18,8 @@ class ViewPairs(Dataset[dict[str, Tensor]]):
     Whole batches are fetched by index, and converted to float once. ``source``, ``target`` (B, 3, H, W) in [0, 1];
     ``source_mask``, ``target_mask`` (B, 1, H, W) in [0, 1]; ``target_depth`` (B, 1, H, W) in box diagonals relative to
     the object's centre, 0 outside; ``source_elevation``, ``source_azimuth``, ``elevation``, ``azimuth`` (B,) in
-    radians, the latter two of the target; ``extents`` (B, 3). Files without depth or extents give batches without them.
+    radians, the latter two of the target; ``source_distance``, ``distance`` (B,) of the cameras in box diagonals;
+    ``extents`` (B, 3). Files without distances, depth or extents give batches without them.
 
     Args:
         views: Pictures with at least two views an object.
@@ -50,9 +51,10 @@ class ViewPairs(Dataset[dict[str, Tensor]]):
         self.masks = torch.from_numpy(np.ascontiguousarray(pick(views.masks)))
         self.elevations = torch.from_numpy(pick(views.elevations).copy())
         self.azimuths = torch.from_numpy(pick(views.azimuths).copy())
+        self.distances = None if views.distances is None else torch.from_numpy(pick(views.distances)).float()
         self.depth = None if views.depth is None else torch.from_numpy(pick(views.depth))
         self.extents = None if views.extents is None else torch.from_numpy(views.extents[chosen])
-        for name in ("images", "masks", "elevations", "azimuths", "depth", "extents"):
+        for name in ("images", "masks", "elevations", "azimuths", "distances", "depth", "extents"):
             held = getattr(self, name)
             setattr(self, name, None if held is None else held.to(device))
         self._seed, self._epoch = seed, epoch
@@ -85,6 +87,8 @@ class ViewPairs(Dataset[dict[str, Tensor]]):
             "elevation": self.elevations[targets],
             "azimuth": self.azimuths[targets],
         }
+        if self.distances is not None:
+            batch["source_distance"], batch["distance"] = self.distances[sources], self.distances[targets]
         if self.depth is not None:
             batch["target_depth"] = self.depth[targets].unsqueeze(1).float()
         if self.extents is not None:

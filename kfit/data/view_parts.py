@@ -17,7 +17,7 @@ from kfit.runtime.atomic_write import atomic_write
 SIZE = 16
 _SETTINGS = "settings.json"
 # Of each object, in this order.
-FIELDS = ("images", "depth", "poses", "extents")
+FIELDS = ("images", "depth", "poses", "distances", "extents")
 
 
 class ViewParts:

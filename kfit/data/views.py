@@ -17,7 +17,6 @@ from rich.progress import track
 from kfit.core.check import check_choice, check_count, check_list, check_range, check_rising, check_text
 from kfit.data import shapes
 from kfit.data.drawn_objects import DrawnObjects, in_order
-from kfit.data.rasterizer import DISTANCE
 from kfit.data.view_parts import FIELDS, ViewParts
 from kfit.geometry import UNIT_FRACTION
 from kfit.runtime.atomic_write import atomic_write
@@ -35,7 +34,8 @@ def build_views(
     seed: int = 0,
     held_out: bool = False,
     elevation_deg: tuple[float, float] = (-15.0, 75.0),
-    distance: float = DISTANCE,
+    upright: float = 0.5,
+    distance: tuple[float, float] = (1.3, 8.0),
     unit_fraction: float = UNIT_FRACTION,
     supersample: int = 2,
 ) -> Path:
@@ -43,9 +43,13 @@ def build_views(
 
     With N = num_objects · num_views rows, ``num_views`` consecutive ones an object: ``images`` (N, H, W, 4) uint8 RGB
     on white and mask, ``poses`` (N, 2) float32 elevation and azimuth in degrees, ``depth`` (N, H, W) float16 in box
-    diagonals relative to the object's centre, positive away from the camera and 0 outside; ``extents`` (num_objects, 3)
-    box sides over the box diagonal. Azimuths are uniform on the full circle, elevations in their range, roll is 0. An
-    object's numbers depend on ``seed`` and its own index alone.
+    diagonals relative to the object's centre, positive away from the camera and 0 outside; ``distances`` (N,) float32
+    from the camera to the object's centre in box diagonals; ``extents`` (num_objects, 3) box sides over the box
+    diagonal. Azimuths are uniform on the full circle. A share ``upright`` of the elevations is uniform in
+    ``elevation_deg``; the others see the object from directions that are uniform on the sphere: elevation =
+    arcsin(uniform(−1, 1)). Roll is 0. Distances are log-uniform, and at each the camera of
+    ``kfit.data.rasterizer.standard_intrinsics`` frames the object. An object's numbers depend on ``seed`` and its own
+    index alone.
 
     A finished file with the same settings is used as it is, one with others is replaced with a word in the log. An
     interrupted build goes on where it stood, and processes that build the same file at once end with one whole file.
@@ -58,9 +62,10 @@ def build_views(
         image_size: Side of the pictures in pixels.
         seed: Chooses objects, lights and poses.
         held_out: Take the shape and texture families that training never sees; without meaning for mesh files.
-        elevation_deg: Range of elevations.
-        distance: Of the camera from the object's centre, in box diagonals.
-        unit_fraction: Share of the picture's width that a unit diagonal at the centre spans.
+        elevation_deg: Range of the elevations of upright objects.
+        upright: Share of the views that show upright objects, in [0, 1].
+        distance: Range of the camera's distance from the object's centre, in box diagonals; equal ends fix it.
+        unit_fraction: Share of the picture's width that the sphere of unit diameter spans.
         supersample: Samples a pixel along each side.
 
     Raises:
@@ -78,7 +83,8 @@ def build_views(
     check_count("seed", seed, 0)
     check_choice("held_out", held_out, (False, True))
     check_rising("elevation_deg", elevation_deg, -90, 90)
-    check_range("distance", distance, 1, 1e6)
+    check_range("upright", upright, 0, 1)
+    check_rising("distance", distance, 1, 1e6)
     check_range("unit_fraction", unit_fraction, 0.1, 10)
     check_count("supersample", supersample, 1, 16)
     settings: dict[str, Any] = {
@@ -90,7 +96,8 @@ def build_views(
         "seed": seed,
         "held_out": held_out,
         "elevation_deg": [float(e) for e in elevation_deg],
-        "distance": distance,
+        "upright": float(upright),
+        "distance": [float(d) for d in distance],
         "unit_fraction": unit_fraction,
         "supersample": supersample,
     }
@@ -136,10 +143,11 @@ def _join(path: Path, parts: ViewParts) -> None:
         file.create_dataset("images", (num, size, size, 4), np.uint8, chunks=(views, size, size, 4), compression="lzf")
         file.create_dataset("depth", (num, size, size), np.float16, chunks=(views, size, size), compression="lzf")
         file.create_dataset("poses", (num, 2), np.float32)
+        file.create_dataset("distances", (num,), np.float32)
         file.create_dataset("extents", (objects, 3), np.float32)
         for part, arrays in parts.read():
             rows = slice(part.start * views, part.stop * views)
-            for name in ("images", "depth", "poses"):
+            for name in ("images", "depth", "poses", "distances"):
                 file[name][rows] = arrays[name].reshape(-1, *arrays[name].shape[2:])
             file["extents"][part.start : part.stop] = arrays["extents"]
         file.attrs["settings"] = json.dumps(settings)
@@ -163,8 +171,9 @@ class Views:
     """The contents of a file of views, in memory.
 
     ``images`` (N, H, W, 3) uint8, ``masks`` (N, H, W) uint8, ``elevations`` and ``azimuths`` (N,) float32 in radians,
-    ``depth`` (N, H, W) float16 and ``extents`` (num_objects, 3) float32, both None where the file has none;
-    ``num_views`` consecutive rows belong to one object. Pictures without a fourth channel get as mask what is not
+    ``distances`` (N,) float32 of the camera in box diagonals, ``depth`` (N, H, W) float16 and ``extents``
+    (num_objects, 3) float32, these three None where the file has none; ``num_views`` consecutive rows belong to one
+    object. Pictures without a fourth channel get as mask what is not
     white. Reads files of ``build_views`` and the released code's own.
 
     Args:
@@ -214,10 +223,13 @@ class Views:
             images[..., 3] if images.shape[3] == 4 else np.where((images < 250).any(-1), 255, 0).astype(np.uint8)
         )
         self.elevations, self.azimuths = np.deg2rad(poses.astype(np.float32)).T
-        expected = {"depth": images.shape[:3], "extents": (self.num_objects, 3)}
+        expected = {"depth": images.shape[:3], "distances": images.shape[:1], "extents": (self.num_objects, 3)}
         for name, shape in expected.items():
             if name in data and data[name].shape != shape:
                 raise ValueError(f"{name} must have shape {shape}, but {path} has {data[name].shape}.")
+        self.distances: np.ndarray | None = data.get("distances")
+        if self.distances is not None and not (np.isfinite(self.distances) & (self.distances > 0)).all():
+            raise ValueError(f"distances must be finite and positive, but {path} has others.")
         self.depth: np.ndarray | None = data.get("depth")
         self.extents: np.ndarray | None = data.get("extents")
 

@@ -1,4 +1,4 @@
-"""A prior on poses that a network reads off the picture."""
+"""A prior on rotations that a network reads off the picture."""
 
 from __future__ import annotations
 
@@ -9,31 +9,30 @@ from torch import Tensor
 
 from kfit.core import Observation, Prior, frozen
 from kfit.core.check import check_range
-from kfit.geometry import PoseNetwork, bin_log_probabilities
+from kfit.geometry.pose_network import PoseNetwork
 
 
 class PosePrior(Prior):
-    """How far a pose is from what a pose head reads off the picture.
+    """Measures how far a rotation is from what a pose network reads off the picture.
 
     E = −log((1 − ε) · F + ε),  F = (Σ_b √(p_b q_b))²
 
-    over the bins b of the head: p is what it says, q what it would say if it were sure of the pose, a von Mises
-    distribution in azimuth times a Gaussian in elevation (`kfit.geometry.bin_log_probabilities`), and F the fidelity of
-    the two, 1 where p = q: their Bhattacharyya coefficient squared (Bhattacharyya 1943). Around a sure head's pose E is
-    Δ² / 4 sigma², at the edges of its range too, where bins end; of several peaks each has its share. A head that is
-    wrong is outvoted at a bounded cost: ε takes the part of all poses alike.
+    over the bins b of the network: p is its output for the picture, q its target for a picture of the rotation
+    (`kfit.geometry.PoseNetwork.log_kernel`), and F the fidelity of the two, 1 where p = q: their Bhattacharyya
+    coefficient squared (Bhattacharyya 1943). Around the pose of a confident network E is Δ² / 4σ². Of several peaks
+    each has its share. ε bounds the cost of a network that is wrong.
 
-    Shape: azimuth and elevation (N,) in radians, energy (N,) between 0 and −log ε.
+    Shape: azimuth, elevation and roll (N,) in radians, energy (N,) between 0 and −log ε.
 
     Args:
-        head: image (N, C, H, W) → log-probabilities (N, A, E).
+        head: image (N, C, H, W) → log-probabilities (N, B).
         floor: ε.
 
     Raises:
         ValueError: for a floor outside [1e-6, 0.5].
     """
 
-    on = ("azimuth", "elevation")
+    on = ("azimuth", "elevation", "roll")
 
     def __init__(self, head: PoseNetwork, floor: float = 1e-3) -> None:
         super().__init__()
@@ -41,13 +40,10 @@ class PosePrior(Prior):
         self.head, self.floor = frozen(head), floor
 
     def prepare(self, observation: Observation) -> Tensor:
-        said: Tensor = self.head(observation.image)
-        return (said / 2).exp()
+        log_probability: Tensor = self.head(observation.image)
+        return (log_probability / 2).exp()
 
     def forward(self, value: dict[str, Tensor], prepared: Any = None) -> Tensor:
-        azimuths, elevations = self.head.azimuths, self.head.elevations
-        log_azimuth, log_elevation = bin_log_probabilities(
-            value["azimuth"], value["elevation"], azimuths, elevations, self.head.sigma
-        )
-        alike = torch.einsum("nae,na,ne->n", prepared, (log_azimuth / 2).exp(), (log_elevation / 2).exp()).square()
-        return -torch.log((1 - self.floor) * alike + self.floor)
+        kernel = self.head.log_kernel(value["azimuth"], value["elevation"], value["roll"])
+        fidelity = (prepared * (kernel / 2).exp()).sum(1).square()
+        return -torch.log((1 - self.floor) * fidelity + self.floor)

@@ -10,6 +10,7 @@ from kfit.generators.multi_view import MultiView
 from kfit.generators.onnx_generator import OnnxGenerator
 from kfit.generators.pose_head import PoseHead
 from kfit.generators.radiance_field import RadianceField
+from kfit.generators.rotation_head import RotationHead
 from kfit.generators.similarity_warp import SimilarityWarp
 from kfit.generators.template import Template
 from kfit.generators.vae2d import VAE2D
@@ -28,6 +29,7 @@ __all__ = [
     "OnnxGenerator",
     "PoseHead",
     "RadianceField",
+    "RotationHead",
     "SimilarityWarp",
     "Template",
 ]

@@ -11,21 +11,20 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from kfit.core.check import check_choice, check_count, check_list, check_range, check_rising
-from kfit.geometry import PoseNetwork, Symmetry, bin_log_probabilities
+from kfit.geometry import Symmetry
+from kfit.geometry.pose_network import PoseNetwork
 
 
 class PoseHead(PoseNetwork):
-    """Tells how likely a picture shows its object at each azimuth and elevation: log-probabilities of bins.
+    """Predicts how likely a picture shows its object at each azimuth and elevation, upright: log-probabilities of bins.
 
-    Bins are even in azimuth and in elevation, which is even over rotations too: with roll 0 the angle between close
-    poses is √(Δazimuth² + Δelevation²). A picture that fits several poses, such as a mug whose handle is hidden, gets
-    several peaks or a ridge. The network learns by `divergence` from soft targets, as classifiers of viewpoint do
-    (Su et al. 2015, "Render for CNN", section 4.3). Four stride-2 convolutions, each but the first followed by a
-    residual one, and two linear layers: 1.2 M parameters, 35 M multiply-adds a picture.
+    The head of kfit 0.1's models, which does not predict roll; `RotationHead` covers all rotations. Four stride-2
+    convolutions, each but the first followed by a residual one, and two linear layers: 1.2 M parameters, 35 M
+    multiply-adds a picture.
 
     Args:
-        symmetry: of the category, see `kfit.geometry.CATEGORIES`; with ``"y"`` azimuth is free, so there is one bin of
-            it and elevation alone is learned.
+        symmetry: of the category, see `kfit.geometry.CATEGORIES`; with ``"y"`` azimuth is free and there is one bin of
+            it.
         channels: of the convolutions, one at each size.
         hidden_dim: between the linear layers.
         bin_deg: width of a bin.
@@ -47,7 +46,6 @@ class PoseHead(PoseNetwork):
         spread_deg: float = 6.0,
         image_size: int = 64,
     ) -> None:
-        super().__init__()
         check_choice("PoseHead: symmetry", symmetry, ("none", "y"))
         check_list("PoseHead: channels", channels, None, check_count, 4, 4096)
         check_count("PoseHead: hidden_dim", hidden_dim, 1, 4096)
@@ -56,41 +54,24 @@ class PoseHead(PoseNetwork):
         check_range("PoseHead: spread_deg", spread_deg, 0.1, 90)
         check_rising("PoseHead: elevation_deg", elevation_deg, -90, 90)
         low, high = elevation_deg
-        self.symmetry, self.sigma = symmetry, math.radians(spread_deg)
-        rings = max(1, round((high - low) / bin_deg))
-        self.register_buffer("azimuths", _centres(-180, 180, 1 if symmetry == "y" else round(360 / bin_deg)), False)
-        self.register_buffer("elevations", _centres(low, high, rings), False)
+        super().__init__(
+            rolls=torch.zeros(1),
+            azimuths=_centres(-180, 180, 1 if symmetry == "y" else round(360 / bin_deg)),
+            elevations=_centres(low, high, max(1, round((high - low) / bin_deg))),
+            symmetry=symmetry,
+            sigma=math.radians(spread_deg),
+        )
         self.look = nn.Sequential(_convolution(3, channels[0], 2))
         for a, b in pairwise(channels):
             self.look.extend([_convolution(a, b, 2), _Residual(b)])
         seen = channels[-1] * (image_size // 2 ** len(channels)) ** 2
-        bins = len(self.azimuths) * rings
+        bins = self.num_azimuths * self.num_elevations
         self.say = nn.Sequential(nn.Linear(seen, hidden_dim), nn.LeakyReLU(0.2), nn.Linear(hidden_dim, bins))
 
     def forward(self, image: Tensor) -> Tensor:
         said = self.say(self.look(2 * image - 1).flatten(1))
         said = said.to(torch.promote_types(said.dtype, torch.float32))  # autocast's halves are too coarse for a log
-        return F.log_softmax(said, 1).view(-1, len(self.azimuths), len(self.elevations))
-
-    def divergence(self, log_probability: Tensor, azimuth: Tensor, elevation: Tensor) -> Tensor:
-        """How far what was said lies from the truth: KL(target ‖ said) = Σ q (log q − log p) in nats, 0 at best.
-
-        The target q is, over the bins, a von Mises distribution in azimuth times a Gaussian in elevation, of
-        ``spread_deg`` around the true pose. Its entropy does not depend on the network, so the gradient is that of the
-        cross-entropy.
-
-        Args:
-            log_probability: (N, A, E), what ``forward`` gave.
-            azimuth, elevation: (N,) the true pose in radians.
-
-        Returns:
-            (N,).
-        """
-        log_azimuth, log_elevation = bin_log_probabilities(
-            azimuth, elevation, self.azimuths, self.elevations, self.sigma
-        )
-        target = log_azimuth[:, :, None] + log_elevation[:, None]
-        return F.kl_div(log_probability, target, reduction="none", log_target=True).sum((1, 2))
+        return F.log_softmax(said, 1)
 
 
 class _Residual(nn.Module):

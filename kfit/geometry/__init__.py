@@ -1,6 +1,5 @@
 """Pure functions on tensors: pose conventions, crops, cameras, boxes, and what is known about categories."""
 
-from kfit.geometry.bins import bin_log_probabilities
 from kfit.geometry.boxes import EDGES, box_corners, project
 from kfit.geometry.camera import (
     UNIT_FRACTION,
@@ -35,7 +34,6 @@ __all__ = [
     "PoseNetwork",
     "Symmetry",
     "angles_from_rotation",
-    "bin_log_probabilities",
     "box_corners",
     "depth_along",
     "diagonal_at",

@@ -1,26 +1,72 @@
-"""The contract of networks that read poses off pictures."""
+"""The contract of networks that read poses off pictures, and the bins of rotations that they share."""
 
 from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
 
+import torch
 from torch import Tensor, nn
+from torch.nn.functional import log_softmax
+
+from kfit.geometry.pose import Symmetry, rotation_from_angles
 
 
 class PoseNetwork(nn.Module, ABC):
-    """Looks at pictures and says how likely they show their objects at each azimuth and elevation.
+    """Reads off pictures how likely they show their objects at each rotation.
 
-    Attributes:
-        azimuths, elevations: (A,) and (E,) centres of its bins in radians, rising in even steps; A is 1 where the
-            object looks the same at all azimuths.
-        sigma: standard deviation in radians of what it says around a pose of which it is sure.
+    The rotations are bins: a grid of rolls × azimuths × elevations, R · A · E = B bins in this order, roll first.
+
+    Args:
+        rolls, azimuths, elevations: (R,), (A,) and (E,) centres of the bins in radians, rising in even steps. R is 1
+            where the network does not predict roll, A is 1 where the object has the symmetry ``"y"``.
+        symmetry: of the objects.
+        sigma: standard deviation in radians of the training targets around the true rotation.
     """
 
-    azimuths: Tensor
-    elevations: Tensor
-    sigma: float = math.radians(6)
+    rotations: Tensor
+    log_volume: Tensor
+
+    def __init__(self, rolls: Tensor, azimuths: Tensor, elevations: Tensor, symmetry: Symmetry, sigma: float) -> None:
+        super().__init__()
+        self.symmetry, self.sigma = symmetry, sigma
+        self.num_rolls, self.num_azimuths, self.num_elevations = len(rolls), len(azimuths), len(elevations)
+        roll, azimuth, elevation = torch.meshgrid(
+            *(bins.double() for bins in (rolls, azimuths, elevations)), indexing="ij"
+        )
+        rotations = rotation_from_angles(azimuth, elevation, roll).flatten(0, 2)
+        step = math.pi / 2 if len(elevations) == 1 else float(elevations[1] - elevations[0])
+        low, high = (elevation.flatten() - step / 2).sin(), (elevation.flatten() + step / 2).sin()
+        self.register_buffer("rotations", rotations.float(), persistent=False)
+        self.register_buffer("log_volume", log_softmax((high - low).log(), 0).float(), persistent=False)
+
+    @property
+    def predicts_roll(self) -> bool:
+        """Whether the bins differ in roll."""
+        return self.num_rolls > 1
 
     @abstractmethod
     def forward(self, image: Tensor) -> Tensor:
-        """Log-probabilities (N, A, E) of the bins, from RGB (N, 3, S, S) in [0, 1] on white."""
+        """Return log-probabilities (N, B) of the bins, from RGB (N, 3, S, S) in [0, 1] on white."""
+
+    def log_kernel(self, azimuth: Tensor, elevation: Tensor, roll: Tensor) -> Tensor:
+        """Return the log-probabilities (N, B) of a distribution around N rotations: the target of training.
+
+        It is the isotropic matrix Fisher distribution (Khatri and Mardia 1977) over the bins,
+        q_b ∝ v_b · exp(−(3 − tr(R_bᵀ R)) / 2σ²), where v_b is the bin's volume: near R, 3 − tr is the squared angle.
+        With the symmetry ``"y"`` the angle is that between the vertical axes u: q_b ∝ v_b · exp(−(1 − u_b · u) / σ²).
+
+        Args:
+            azimuth, elevation, roll: (N,) in radians; roll is ignored where the network does not predict it.
+        """
+        rotation = rotation_from_angles(azimuth, elevation, roll if self.predicts_roll else torch.zeros_like(roll))
+        squared = 2 * self.one_minus_cosine(rotation.to(self.rotations.dtype))
+        return log_softmax(self.log_volume - squared / (2 * self.sigma**2), 1)
+
+    def one_minus_cosine(self, rotation: Tensor) -> Tensor:
+        """Return 1 − cos θ (N, B) for the angles θ between rotations (N, 3, 3) and the bins' centres."""
+        # Half precision, under autocast, is too coarse for a cosine.
+        with torch.autocast(rotation.device.type, enabled=False):
+            if self.symmetry == "y":
+                return 1 - rotation[:, :, 1] @ self.rotations[:, :, 1].mT
+            return (3 - rotation.flatten(1) @ self.rotations.flatten(1).mT) / 2

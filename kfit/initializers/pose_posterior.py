@@ -7,43 +7,41 @@ from collections.abc import Mapping, Sequence
 
 import torch
 from torch import Tensor
-from torch.nn import functional as F
 
 from kfit.core import Initializer, Observation, Variable, Variables, frozen
-from kfit.core.check import check_choice, check_range
-from kfit.geometry import PoseNetwork
+from kfit.core.check import check_range
+from kfit.geometry import angles_from_rotation, rotation_from_angles
+from kfit.geometry.pose_network import PoseNetwork
 from kfit.initializers.sphere_grid import GOLDEN_ANGLE
 
-# Steps down in a score of log-probabilities: a bin near a start comes after all that are free, a start's own bin last.
+# Steps down in log-probability: a bin near a start comes after all that are free, a start's own bin last.
 NEAR, TAKEN = 1e4, 1e8
+# Bins within this many standard deviations of a peak are averaged.
+AROUND = 3.0
 
 
 class PosePosterior(Initializer):
-    """Sets azimuth and elevation by a network's distribution over poses.
+    """Sets azimuth, elevation and roll at the peaks of a network's distribution over rotations.
 
-    Without ``sample`` the starts are the distribution's peaks: the likeliest bin, then the likeliest of those at least
-    ``apart_deg`` from it, and so on (greedy non-maximum suppression); when no bin is left, the next round takes bins
-    between. A start lies within its bin at the mean of the 3 × 3 bins around. Where azimuth is free
-    (A = 1), elevations lie at the quantiles (s + ½) / S and azimuths a golden angle apart.
-
-    With ``sample`` each start is drawn from the distribution, evenly within its bin.
+    The first start is the likeliest bin, the next the likeliest of those at least ``apart_deg`` from it, and so on
+    (greedy non-maximum suppression); when no bin is left, the next round takes bins between. A start lies at the mean
+    rotation of the bins within 3 σ of its peak, weighted by their probabilities: the rotation nearest to the weighted
+    mean of the matrices (Markley et al., "Averaging quaternions", 2007). Where azimuth is free, the vertical axes are
+    averaged instead, and the starts' azimuths lie a golden angle apart.
 
     Args:
-        head: image (B, C, H, W) → log-probabilities (B, A, E).
-        sample: draw the starts instead of taking the peaks.
-        apart_deg: least √(Δazimuth² + Δelevation²) between two peaks, which for close poses is the angle of the
-            rotation between them.
+        head: image (B, 3, S, S) → log-probabilities of rotations.
+        apart_deg: least angle between two peaks.
 
     Raises:
-        ValueError: for a distance outside 0° to 180°.
+        ValueError: for an angle outside 0° to 180°.
     """
 
-    on = ("azimuth", "elevation")
+    on = ("azimuth", "elevation", "roll")
 
-    def __init__(self, head: PoseNetwork, sample: bool = False, apart_deg: float = 15.0) -> None:
-        check_choice("PosePosterior: sample", sample, (False, True))
+    def __init__(self, head: PoseNetwork, apart_deg: float = 20.0) -> None:
         check_range("PosePosterior: apart_deg", apart_deg, 0, 180)
-        self.head, self.sample, self.apart = frozen(head), sample, math.radians(apart_deg)
+        self.head, self.apart = frozen(head), math.radians(apart_deg)
 
     def __call__(
         self,
@@ -53,60 +51,48 @@ class PosePosterior(Initializer):
         rngs: Sequence[torch.Generator],
     ) -> Variables:
         with torch.no_grad():
-            said = self.head(observation.image).double().cpu()
-        azimuths, elevations = (bins.double().cpu() for bins in (self.head.azimuths, self.head.elevations))
-        steps = torch.stack([_step(azimuths, 2 * math.pi), _step(elevations, math.pi)])
-        if self.sample:
-            uniform = torch.stack([torch.rand(num_starts, 3, generator=rng, dtype=torch.float64) for rng in rngs])
-            bins = torch.searchsorted(said.exp().flatten(1).cumsum(1), uniform[..., 0].contiguous())
-            bins = bins.clamp(max=said[0].numel() - 1)
-            within = (uniform[..., 1:] - 0.5) * steps
-        elif len(azimuths) == 1:
-            return self._along(said[:, 0].exp(), elevations, steps[1], num_starts)
-        else:
-            bins = self._peaks(said, azimuths, elevations, num_starts)
-            within = _local_means(said.exp()).flatten(2).mT.gather(1, bins[..., None].expand(-1, -1, 2)) * steps
-        azimuth = azimuths[bins // len(elevations)] + within[..., 0]
-        elevation = elevations[bins % len(elevations)] + within[..., 1]
-        return {"azimuth": azimuth.flatten(), "elevation": elevation.flatten()}
+            log_probability = self.head(observation.image)
+            rotation = self._means(log_probability, self._peaks(log_probability, num_starts))
+        azimuth, elevation, roll = angles_from_rotation(rotation.cpu())
+        if self.head.symmetry == "y":
+            start = torch.arange(num_starts, dtype=torch.float64).repeat(len(log_probability))
+            azimuth = (start * GOLDEN_ANGLE + math.pi) % (2 * math.pi) - math.pi
+        if not self.head.predicts_roll:
+            roll = torch.zeros_like(roll)
+        return {"azimuth": azimuth, "elevation": elevation, "roll": roll}
 
-    def _peaks(self, said: Tensor, azimuths: Tensor, elevations: Tensor, num_starts: int) -> Tensor:
-        """Bins (B, S) of the starts, best first."""
-        azimuth_offset = (azimuths[:, None] - azimuths + math.pi) % (2 * math.pi) - math.pi
-        elevation_offset = elevations[:, None] - elevations
-        distance = (
-            torch.hypot(azimuth_offset[:, None, :, None], elevation_offset[None, :, None]).flatten(0, 1).flatten(1)
-        )
-        near = NEAR * (distance < self.apart) + TAKEN * torch.eye(len(distance), dtype=distance.dtype)
-        score, picked = said.flatten(1), []
+    def _peaks(self, log_probability: Tensor, num_starts: int) -> Tensor:
+        """Bins (B · S,) of the starts, those of a problem best first."""
+        # Bins near the poles are small, so density decides.
+        score, picked = (log_probability - self.head.log_volume).double(), []
         for _ in range(num_starts):
-            picked.append(score.argmax(1))
-            score = score - near[picked[-1]]
-        return torch.stack(picked, 1)
+            best = score.argmax(1)
+            picked.append(best)
+            near = self.head.one_minus_cosine(self.head.rotations[best]) < 1 - math.cos(self.apart)
+            score = score - NEAR * near
+            score[torch.arange(len(score), device=score.device), best] -= TAKEN
+        return torch.stack(picked, 1).flatten()
 
-    @staticmethod
-    def _along(share: Tensor, elevations: Tensor, step: Tensor, num_starts: int) -> Variables:
-        """Even quantiles of the elevations' distribution (B, E), azimuths all around."""
-        start = torch.arange(num_starts, dtype=torch.float64)
-        quantile = ((start + 0.5) / num_starts).expand(len(share), -1).contiguous()
-        edge = share.cumsum(1)
-        bins = torch.searchsorted(edge, quantile).clamp(max=len(elevations) - 1)
-        inside = 1 - (edge.gather(1, bins) - quantile) / share.gather(1, bins)
-        elevation = elevations[bins] + (inside.clamp(0, 1) - 0.5) * step
-        azimuth = (start * GOLDEN_ANGLE + math.pi) % (2 * math.pi) - math.pi
-        return {"azimuth": azimuth.repeat(len(share)), "elevation": elevation.flatten()}
+    def _means(self, log_probability: Tensor, peaks: Tensor) -> Tensor:
+        """Rotations (B · S, 3, 3) around the peaks."""
+        rotations = self.head.rotations
+        probability = log_probability.double().exp().repeat_interleave(len(peaks) // len(log_probability), 0)
+        near = self.head.one_minus_cosine(rotations[peaks]) < 1 - math.cos(AROUND * self.head.sigma)
+        weight = near * probability.clamp_min(1e-12)  # an unlikely peak's bins may underflow
+        mean = (weight @ rotations.double().flatten(1)).unflatten(1, (3, 3))
+        if self.head.symmetry == "y":
+            return _with_axis(mean[:, :, 1])
+        failed = mean.isnan().any(-1, keepdim=True).any(-2, keepdim=True)
+        left, _, right = torch.linalg.svd(mean.masked_fill(failed, 0.0))
+        turn = torch.ones_like(mean[:, 0])
+        turn[:, 2] = torch.det(left @ right)
+        nearest: Tensor = (left * turn[:, None] @ right).masked_fill(failed, torch.nan)
+        return nearest
 
 
-def _step(bins: Tensor, whole: float) -> Tensor:
-    """Width of a bin; a single one spans the whole."""
-    return bins[1] - bins[0] if len(bins) > 1 else bins.new_tensor(whole)
-
-
-def _local_means(share: Tensor) -> Tensor:
-    """Mean offset (B, 2, A, E), in bins, of the shares (B, A, E) in the 3 × 3 bins around each one."""
-    around = F.pad(torch.cat([share[:, -1:], share, share[:, :1]], 1), (1, 1))
-    offset = torch.tensor([-1.0, 0.0, 1.0], dtype=share.dtype)
-    kernels = torch.stack([torch.ones(3, 3).to(share), offset[:, None].expand(3, 3), offset.expand(3, 3)])
-    total, azimuth_offset, elevation_offset = F.conv2d(around[:, None], kernels[:, None]).unbind(1)
-    # Beside a peak the mean is the peak's place; a start stays in its own bin.
-    return (torch.stack([azimuth_offset, elevation_offset], 1) / total.clamp(min=1e-12)[:, None]).clamp(-0.5, 0.5)
+def _with_axis(axis: Tensor) -> Tensor:
+    """Rotations (N, 3, 3) of azimuth 0 whose vertical axes point along (N, 3)."""
+    x, y, z = axis.unbind(1)
+    roll = torch.atan2(-x, y)
+    elevation = torch.atan2(z, torch.hypot(x, y))
+    return rotation_from_angles(torch.zeros_like(roll), elevation, roll)

@@ -33,7 +33,16 @@ ROLES: dict[str, type[nn.Module]] = {
 }
 # Of kfit's own those that a file may name: what they compute by is in them, and they open no other file.
 OWN = {
-    "kfit.generators": ["RadianceField", "VAE2D", "VAE3D", "ConvEncoder", "FeatureEncoder", "ExtentsHead", "PoseHead"],
+    "kfit.generators": [
+        "RadianceField",
+        "VAE2D",
+        "VAE3D",
+        "ConvEncoder",
+        "FeatureEncoder",
+        "ExtentsHead",
+        "PoseHead",
+        "RotationHead",
+    ],
     "kfit.baselines": ["CoordinateRegressor", "OrientationRegressor"],
 }
 # What layers are made by, which are told the shape first.

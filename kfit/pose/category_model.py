@@ -12,7 +12,17 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from kfit.callbacks import Pruning
-from kfit.core import Callback, Encoder, Energy, FitError, FitResult, Generator, Observation, Rendering, Variables
+from kfit.core import (
+    Callback,
+    Encoder,
+    Energy,
+    FitError,
+    FitResult,
+    Generator,
+    Observation,
+    Rendering,
+    Variables,
+)
 from kfit.fitting.pipeline import FitPipeline
 from kfit.generators import ExtentsHead, MetricDepth, MultiView, RadianceField, SimilarityWarp
 from kfit.geometry import Crop, PoseNetwork, diagonal_at, pose_from_crop, to_opencv
@@ -194,7 +204,7 @@ class CategoryModel:
         return on_cpu
 
     def pose_log_probabilities(self, image: Tensor) -> Tensor | None:
-        """Log-probabilities (N, A, E) of poses, by the looks of pictures (N, 3, S, S), where there is a pose head."""
+        """Log-probabilities (N, B) of poses, by the looks of pictures (N, 3, S, S), where there is a pose head."""
         if self.pose_head is None:
             return None
         with torch.no_grad():
@@ -207,7 +217,7 @@ class CategoryModel:
         Args:
             fit: of one problem, on the CPU.
             turn: (3, 3) from OpenCV axes of the fitted crop to those of the photo.
-            pose_log_probabilities: (1, A, E), what `pose_log_probabilities` says of the picture.
+            pose_log_probabilities: (1, B), what `pose_log_probabilities` says of the picture.
         """
         symmetry, head = self.card.known.symmetry, self.pose_head
         found = alternatives(fit, turn, symmetry)

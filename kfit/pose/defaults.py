@@ -42,10 +42,11 @@ def default_parts(
     """Energies with priors, their weights, initializers and rates of `kfit.pose.CategoryModel.pipeline`."""
     parts: dict[str, Energy | Prior] = {name: energy for name, (energy, _) in energies.items()}
     parts["prior"] = CodePrior()
+    fixed: dict[str, float | list[float]] = {"shift": 0.0, "scale": 1.0}
     initializers: list[Initializer] = [
         PosePosterior(pose_head) if pose_head else SphereGrid(elevation_deg=(0.0, 60.0)),
         EncoderPosterior(encoder),
-        Constant({"roll": 0.0, "shift": 0.0, "scale": 1.0}),
+        Constant(fixed if pose_head else fixed | {"roll": 0.0}),
     ]
     weights: dict[str, float | Schedule] = {name: weight for name, (_, weight) in energies.items()}
     weights["prior"] = 0.02

@@ -65,20 +65,21 @@ def alternatives(fit: FitResult, turn: Tensor, symmetry: Symmetry) -> list[Alter
     return groups[:1] + sorted(groups[1:], key=lambda group: -group.weight)
 
 
-def head_probability(fit: FitResult, pose_log_probabilities: Tensor, head: PoseNetwork, symmetry: Symmetry) -> float:
-    """Probability that a pose head gives, by the picture alone, to poses within 20° of the answer of one problem.
+def head_probability(fit: FitResult, log_probability: Tensor, head: PoseNetwork, symmetry: Symmetry) -> float:
+    """Return the probability that a pose head gives to rotations within 20° of the answer of one problem.
 
     Args:
         fit: with ``azimuth``, ``elevation`` and ``roll``.
-        pose_log_probabilities: (A, E) log-probabilities that it saw in the picture.
-        head: whose they are; it tells azimuth and elevation, and the answer's roll is taken for its own.
+        log_probability: (B,) of the head's bins for the picture.
+        head: the pose head; where it does not predict roll, the answer's roll is taken.
         symmetry: of the object.
     """
-    share, roll = pose_log_probabilities.double().exp(), fit.values["roll"].double()[0]
-    azimuth, elevation = (angles.double().cpu() for angles in (head.azimuths, head.elevations))
-    poses = rotation_from_angles(azimuth[:, None], elevation, roll)
-    near = rotation_error(fitted_rotations(fit.values)[0], poses, symmetry).rad2deg() <= WITHIN_DEG
-    return float(share[near].sum())
+    rotation = fitted_rotations(fit.values)[0]
+    if not head.predicts_roll:
+        upright = fit.values | {"roll": torch.zeros_like(fit.values["roll"])}
+        rotation = fitted_rotations(upright)[0]
+    near = rotation_error(rotation, head.rotations.double().cpu(), symmetry).rad2deg() <= WITHIN_DEG
+    return float(log_probability.double().exp()[near].sum())
 
 
 def ambiguity_warning(found: list[Alternative], seen: float | None, symmetry: Symmetry) -> str | None:

@@ -151,21 +151,13 @@ class Tracker:
         return float(best.energy[0])
 
     def _read(self, seen: Observation) -> Variables:
-        """Azimuth and elevation that what the head says fits best, about its likeliest bin: on a grid, then a finer."""
+        """The likeliest rotation by the pose head; roll is left out where the head does not predict it."""
         start = self.reads({}, seen, 1, [])
-        found = {name: value.to(self.values["azimuth"]) for name, value in start.items()}
-        said = self.says.prepare(seen)
-        for reach_deg in (8.0, 1.0):
-            around = torch.linspace(-1, 1, 17) * math.radians(reach_deg)
-            azimuth_offset, elevation_offset = torch.meshgrid(around, around, indexing="ij")
-            tried = {
-                "azimuth": found["azimuth"] + azimuth_offset.flatten(),
-                "elevation": found["elevation"] + elevation_offset.flatten(),
-            }
-            with torch.no_grad():
-                best = self.says(tried, said.expand(len(tried["azimuth"]), -1, -1)).argmin()
-            found = {name: value[best : best + 1] for name, value in tried.items()}
-        return found
+        return {
+            name: value.to(self.values[name])
+            for name, value in start.items()
+            if name != "roll" or self.reads.head.predicts_roll
+        }
 
     def _placed(self, seen: Observation) -> Rendering:
         """Fit roll, shift and scale of the one drawing, and what it is then."""

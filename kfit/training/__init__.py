@@ -8,6 +8,7 @@ from kfit.training.photometric_augmentation import PhotometricAugmentation
 from kfit.training.picture_grid import PictureGrid
 from kfit.training.pose_training import PoseTraining
 from kfit.training.random_corruption import RandomCorruption
+from kfit.training.random_crop import RandomCrop
 from kfit.training.random_recolor import RandomRecolor
 from kfit.training.random_similarity import RandomSimilarity
 
@@ -20,6 +21,7 @@ __all__ = [
     "PictureGrid",
     "PoseTraining",
     "RandomCorruption",
+    "RandomCrop",
     "RandomRecolor",
     "RandomSimilarity",
 ]

@@ -15,6 +15,7 @@ from kfit.core import Encoder, Energy, Generator, Observation, Rendering, frozen
 from kfit.core.check import check_choice, check_count, check_dict, check_names, check_positive, check_range
 from kfit.generators import ExtentsHead
 from kfit.geometry import Symmetry
+from kfit.geometry.pose import rotation_of
 from kfit.training.photometric_augmentation import PhotometricAugmentation
 from kfit.training.random_similarity import RandomSimilarity
 from kfit.training.short_fit import fitted_rotations
@@ -133,7 +134,7 @@ class ConditionalVAE(Training):
         """Log how well the encoder's look at one view draws another, and in test also how well poses are found.
 
         Logged are the losses, L1, SSIM and the IoU of masks, how far the extents are off, and in test what
-        ``evaluate_rotations`` tells of short fits to every fifth of the other views.
+        ``record_rotations`` logs of short fits to every fifth of the other views.
         """
         drawn = self(batch["source"], batch["azimuth"], batch["elevation"])
         terms = self._compare(drawn, batch)
@@ -155,9 +156,8 @@ class ConditionalVAE(Training):
                 batch[name][::FIT_EVERY] for name in ("target", "target_mask", "azimuth", "elevation")
             )
             seen = Observation(image, None if drawn.mask is None else mask)
-            self.evaluate_rotations(
-                fitted_rotations(self.generator, self.encoder, seen), azimuth, elevation, self.symmetry
-            )
+            truth = rotation_of({"azimuth": azimuth, "elevation": elevation})
+            self.record_rotations(fitted_rotations(self.generator, self.encoder, seen), truth, self.symmetry)
 
     def _thin(self, batch: dict[str, Tensor]) -> tuple[dict[str, Tensor], dict[str, Tensor]]:
         """The batch with its targets' pixels thinned out, and what tells the generator to draw just these."""

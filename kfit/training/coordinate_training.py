@@ -28,7 +28,7 @@ class CoordinateTraining(Training):
         weight_decay: of AdamW.
         unit_fraction: of the views' camera: the share of the width that a unit diagonal spans; ``lightning`` sets the
             category's.
-        distance: of the views' camera, in box diagonals.
+        distance: of the views' camera in box diagonals, for batches that do not hold it.
         jitter: how views are turned, shifted and scaled, and their coordinates with them; None shows them as they are.
         recolor: how their colours are changed; None leaves them.
         compile: compile the regressor (`torch.compile`). Without a C++ compiler training goes on uncompiled.
@@ -94,7 +94,8 @@ class CoordinateTraining(Training):
             raise ValueError("CoordinateTraining needs views with depth, and there is none in this data")
         mask = batch["target_mask"]
         angles = batch["azimuth"], batch["elevation"]
-        truth = coordinates_of(batch["target_depth"], *angles, self.unit_fraction, self.distance) * (mask > 0)
+        distance = batch.get("distance", self.distance)
+        truth = coordinates_of(batch["target_depth"], *angles, self.unit_fraction, distance) * (mask > 0)
         return batch["target"], mask, truth
 
 
@@ -103,18 +104,18 @@ def coordinates_of(
     azimuth: Tensor,
     elevation: Tensor,
     unit_fraction: float = UNIT_FRACTION,
-    distance: float = DISTANCE,
+    distance: Tensor | float = DISTANCE,
 ) -> Tensor:
     """Object coordinates of the points that the standard camera sees (`kfit.data.pose_view`).
 
     X = Rᵀ (x (d + D), y (d + D), −d) with R = Rx(elevation) · Ry(azimuth), pixel (u, v) of S × S on the ray (x, y, −1),
-    x = (u − (S − 1) / 2) / f, y = ((S − 1) / 2 − v) / f, f = unit_fraction · S · D.
+    x = (u − (S − 1) / 2) / f, y = ((S − 1) / 2 − v) / f, f = unit_fraction · S · √(D² − 1/4).
 
     Args:
         depth: d (N, 1, S, S) in box diagonals relative to the object's centre.
         azimuth, elevation: (N,) in radians.
         unit_fraction: share of the picture's width that a unit diagonal at the centre spans.
-        distance: D of the camera from the centre, in box diagonals.
+        distance: D of the camera from the centre, in box diagonals: one, or (N,) of them.
 
     Returns:
         (N, 3, S, S) in box diagonals, in the object's frame.
@@ -122,10 +123,10 @@ def coordinates_of(
     size = depth.shape[-1]
     # Out of autocast, whose halves would move points by a hundredth of the object.
     with torch.autocast(depth.device.type, enabled=False):
-        along = (torch.arange(size, device=depth.device, dtype=depth.dtype) - (size - 1) / 2) / (
-            unit_fraction * size * distance
-        )
+        distance = torch.as_tensor(distance, device=depth.device, dtype=depth.dtype).reshape(-1, 1, 1, 1)
+        focal = unit_fraction * size * (distance.square() - 0.25).sqrt()
+        along = (torch.arange(size, device=depth.device, dtype=depth.dtype) - (size - 1) / 2) / focal
         away = depth + distance
-        seen = torch.cat([along * away, -along[:, None] * away, -depth], 1)
+        seen = torch.cat([along * away, -along.mT * away, -depth], 1)
         rotation = rotation_from_angles(azimuth, elevation, torch.zeros_like(azimuth)).to(depth.dtype)
         return torch.einsum("nji,njhw->nihw", rotation, seen)

@@ -87,7 +87,7 @@ class OrientationTraining(Training):
         said = self(image)
         loss = self.regressor.distance(said, truth).mean()
         self.log(f"{stage}/rotation", loss, batch_size=len(image), sync_dist=True)
-        self.evaluate_rotations(said, azimuth, elevation, self.regressor.symmetry)
+        self.record_rotations(said, truth, self.regressor.symmetry)
 
 
 def _views(batch: dict[str, Tensor]) -> tuple[Tensor, Tensor, Tensor, Tensor]:

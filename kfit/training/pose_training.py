@@ -1,4 +1,4 @@
-"""Teaching a network to read poses off pictures."""
+"""Training a network that reads poses off pictures."""
 
 from __future__ import annotations
 
@@ -10,32 +10,32 @@ from torch import Tensor
 
 from kfit.core import Observation
 from kfit.core.check import check_choice, check_positive, check_range
-from kfit.generators import PoseHead
+from kfit.generators import RotationHead
 from kfit.geometry.pose import rotation_of
 from kfit.initializers import PosePosterior
 from kfit.training.photometric_augmentation import PhotometricAugmentation
+from kfit.training.random_crop import RandomCrop, crop_rolled
 from kfit.training.random_recolor import RandomRecolor
-from kfit.training.random_similarity import RandomSimilarity
 from kfit.training.training import Training
 
 
 class PoseTraining(Training):
-    """Shows a pose head views of many objects, each with its true pose.
+    """Trains a pose head on views of many objects with their true rotations.
 
-    L = mean_n KL(target_n ‖ said_n), see `kfit.generators.PoseHead.divergence`.
+    L = mean_n KL(target_n ‖ prediction_n), see `kfit.generators.RotationHead.divergence`.
 
-    The head shares nothing with a generator and learns in a tenth of its time, so it is trained by itself; `kfit pack`
-    puts both into one model. Batches are those of `kfit.data.ViewsDataModule`, whose sources and targets are all shown.
+    The head shares nothing with a generator, so it is trained by itself; `kfit pack` puts both into one model. Batches
+    are those of `kfit.data.ViewsDataModule`; their sources and targets are both used.
 
     Args:
-        pose_head: learns.
+        pose_head: the network.
+        crop: turns views in the plane and cuts them out.
         rate: largest learning rate of AdamW; it rises over the first twentieth of the steps and falls as a cosine.
         weight_decay: of AdamW.
-        jitter: how views are turned, shifted and scaled; None shows them as they are.
-        recolor: how their colours are changed; None leaves them.
-        photograph: how they are made to look like cut-outs of photos; None leaves them clean.
-        mirror: show half of them left for right, as views from azimuth π − α. Objects of NOCS's categories look much
-            the same in a mirror that holds their x and y axes, so that twice as many seem to have been seen.
+        recolor: augmentation of colours; None leaves them.
+        photograph: augmentation that makes views look like cut-outs of photos; None leaves them clean.
+        mirror: flip half of the views, which changes azimuth α to π − α and roll ρ to −ρ. Objects of NOCS's categories
+            look much the same in a mirror that holds their x and y axes, so this doubles the objects.
         compile: compile the head (`torch.compile`). Without a C++ compiler training goes on uncompiled.
 
     Raises:
@@ -44,13 +44,13 @@ class PoseTraining(Training):
 
     def __init__(
         self,
-        pose_head: PoseHead,
+        pose_head: RotationHead,
+        crop: RandomCrop | None = None,
         rate: float = 1.5e-3,
         weight_decay: float = 1e-3,
-        jitter: RandomSimilarity | None = None,
         recolor: RandomRecolor | None = None,
         photograph: PhotometricAugmentation | None = None,
-        mirror: bool = False,
+        mirror: bool = True,
         compile: bool = False,
     ) -> None:
         super().__init__()
@@ -60,44 +60,57 @@ class PoseTraining(Training):
         check_choice("compile", compile, (False, True))
         self.remember(inspect.currentframe())
         self.pose_head, self.rate, self.weight_decay = pose_head, rate, weight_decay
-        self.jitter, self.recolor, self.photograph = jitter, recolor, photograph
+        self.crop, self.recolor, self.photograph = crop or RandomCrop(), recolor, photograph
         self.mirror, self.compiles = mirror, compile
 
     def on_fit_start(self) -> None:
         if self.compiles:
-            self.compile_networks(self.pose_head)
+            self.compile_networks(self.pose_head.features)
 
     def forward(self, image: Tensor) -> Tensor:
-        """Log-probabilities (N, A, E) of the poses that pictures (N, 3, S, S) show."""
-        said: Tensor = self.pose_head(image)
-        return said
+        """Log-probabilities (N, B) of the rotations that pictures (N, 3, S, S) show."""
+        log_probability: Tensor = self.pose_head(image)
+        return log_probability
 
     def training_step(self, batch: dict[str, Tensor], batch_idx: int) -> Tensor:
-        image, azimuth, elevation = _views(batch)
-        with torch.no_grad():
+        image, mask, azimuth, elevation = _views(batch)
+        # Half precision is too coarse for the places of pixels.
+        with torch.no_grad(), torch.autocast(self.device.type, enabled=False):
             if self.photograph is not None:
-                image = self.photograph(image, torch.cat([batch["source_mask"], batch["target_mask"]]))
+                image = self.photograph(image, mask)
             image = image if self.recolor is None else self.recolor(image)
-            image = image if self.jitter is None else self.jitter(image)
+            image, roll = self.crop(image, mask)
             if self.mirror:
-                turned = torch.rand_like(azimuth) < 0.5
-                image = torch.where(turned.view(-1, 1, 1, 1), image.flip(3), image)
-                azimuth = torch.where(turned, math.pi - azimuth, azimuth)
-        loss = self.pose_head.divergence(self(image), azimuth, elevation).mean()
+                flipped = torch.rand_like(azimuth) < 0.5
+                image = torch.where(flipped.view(-1, 1, 1, 1), image.flip(3), image)
+                azimuth = torch.where(flipped, math.pi - azimuth, azimuth)
+                roll = torch.where(flipped, -roll, roll)
+        loss = self.pose_head.divergence(image, azimuth, elevation, roll).mean()
         self.log("train/pose", loss.detach(), prog_bar=True)
         return loss
 
     def report(self, batch: dict[str, Tensor], stage: str) -> None:
-        """Log the loss, and how far the likeliest pose is from the truth, by itself."""
-        image, azimuth, elevation = _views(batch)
-        loss = self.pose_head.divergence(self(image), azimuth, elevation).mean()
+        """Log the loss, and how far the likeliest rotation is from the truth, for rolls over the whole circle."""
+        image, mask, azimuth, elevation = _views(batch)
+        golden = math.pi * (3 - math.sqrt(5))  # the same rolls in each epoch
+        roll = (golden * torch.arange(len(image), device=image.device, dtype=image.dtype)) % (2 * math.pi)
+        image = crop_rolled(image, mask, roll, self.crop.size)
+        log_probability = self(image)
+        target = self.pose_head.log_kernel(azimuth, elevation, roll)
+        loss = (target.exp() * (target - log_probability)).sum(1).mean()
         self.log(f"{stage}/pose", loss, prog_bar=True, batch_size=len(image), sync_dist=True)
         likeliest = rotation_of(PosePosterior(self.pose_head)({}, Observation(image), 1, []))
-        self.evaluate_rotations(likeliest, azimuth, elevation, self.pose_head.symmetry)
+        truth = rotation_of({"azimuth": azimuth, "elevation": elevation, "roll": roll})
+        self.record_rotations(likeliest, truth, self.pose_head.symmetry)
 
 
-def _views(batch: dict[str, Tensor]) -> tuple[Tensor, Tensor, Tensor]:
-    """Pictures, azimuths and elevations of a batch's sources and targets, one after the other."""
-    names = (("source", "target"), ("source_azimuth", "azimuth"), ("source_elevation", "elevation"))
-    image, azimuth, elevation = (torch.cat([batch[name] for name in pair]) for pair in names)
-    return image, azimuth, elevation
+def _views(batch: dict[str, Tensor]) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Pictures, masks, azimuths and elevations of a batch's sources and targets, one after the other."""
+    names = (
+        ("source", "target"),
+        ("source_mask", "target_mask"),
+        ("source_azimuth", "azimuth"),
+        ("source_elevation", "elevation"),
+    )
+    image, mask, azimuth, elevation = (torch.cat([batch[name] for name in pair]) for pair in names)
+    return image, mask, azimuth, elevation

@@ -14,7 +14,7 @@ from torch import Tensor, nn
 from torchmetrics import CatMetric
 
 from kfit.core.seeds import mixed_seed
-from kfit.geometry import Symmetry, rotation_from_angles
+from kfit.geometry import Symmetry
 from kfit.metrics import rotation_error_deg, summary
 from kfit.runtime.devices import compile_networks
 
@@ -23,7 +23,7 @@ class Training(LightningModule):
     """A LightningModule whose checkpoints rebuild themselves, whose rate rises and falls, and that is judged by the
     same measures in validation and in test.
 
-    Where `report` calls `evaluate_rotations`, the median error is logged as ``val/rotation_deg`` or
+    Where `report` calls `record_rotations`, the median error is logged as ``val/rotation_deg`` or
     ``test/rotation_deg``, and the shares of them under 10° and 30°, which are average precisions as the paper counts
     them, as ``…/within_10deg`` and ``…/within_30deg``: those of all processes together.
 
@@ -66,15 +66,13 @@ class Training(LightningModule):
     def on_test_epoch_end(self) -> None:
         self._report_rotations("test")
 
-    def evaluate_rotations(self, found: Tensor, azimuth: Tensor, elevation: Tensor, symmetry: Symmetry) -> None:
-        """Note how far rotations (N, 3, 3) are from the truth, angles (N,) in radians; the epoch's end logs it.
+    def record_rotations(self, found: Tensor, truth: Tensor, symmetry: Symmetry) -> None:
+        """Record the errors of rotations (N, 3, 3) against the truth (N, 3, 3); the epoch's end logs them.
 
         Objects of symmetry ``"y"`` count by the angle between their axes.
         """
         # Autocast leaves doubles alone; its halves would be half a degree wide.
-        turned, tipped = azimuth.double().cpu(), elevation.double().cpu()
-        truth = rotation_from_angles(turned, tipped, torch.zeros_like(turned))
-        errors = rotation_error_deg(found.double().cpu(), truth, symmetry)
+        errors = rotation_error_deg(found.double().cpu(), truth.double().cpu(), symmetry)
         self._errors[0].update(errors.float().to(self.device))
 
     def _report_rotations(self, stage: str) -> None:

@@ -38,7 +38,7 @@ from kfit.energies import (
     Welsch,
 )
 from kfit.features import Activations
-from kfit.generators import PoseHead
+from kfit.generators import PoseHead, RotationHead
 
 
 def features():
@@ -87,7 +87,7 @@ BUILD = {
     SoftIoU: [SoftIoU],
     Depth: [Depth],
     CodePrior: [CodePrior],
-    PosePrior: [lambda: PosePrior(head()), lambda: PosePrior(head("y"))],
+    PosePrior: [lambda: PosePrior(head()), lambda: PosePrior(head("y")), lambda: PosePrior(upright_head())],
 }
 CHANNELS = {"image": 3, "mask": 1, "depth": 1}
 # LPIPS needs pictures of 31 pixels; a soft histogram blurs even a picture against itself
@@ -128,7 +128,12 @@ def hard_pictures(energy, dtype):
 
 def head(symmetry="none"):
     torch.manual_seed(3)
-    return PoseHead(symmetry, channels=(4, 4), hidden_dim=8, image_size=8)
+    return RotationHead(symmetry, channels=(4, 4), hidden_dim=8, bin_deg=60, sigma_deg=30, image_size=8)
+
+
+def upright_head():
+    torch.manual_seed(3)
+    return PoseHead(channels=(4, 4), hidden_dim=8, image_size=8)
 
 
 def asked(prior, dtype=torch.float32):

@@ -10,8 +10,18 @@ from torch import nn
 from walk import shipped
 
 import kfit.initializers
-from kfit.core import Angle, Bounded, Encoder, FitResult, History, Initializer, Observation, Positive, Variable
-from kfit.geometry import PoseNetwork, rotation_error, rotation_from_angles
+from kfit.core import (
+    Angle,
+    Bounded,
+    Encoder,
+    FitResult,
+    History,
+    Initializer,
+    Observation,
+    Positive,
+    Variable,
+)
+from kfit.geometry import rotation_error, rotation_from_angles
 from kfit.initializers import (
     Constant,
     EncoderPosterior,
@@ -22,6 +32,7 @@ from kfit.initializers import (
     SphereGrid,
     Uniform,
 )
+from tests.fixed_head import FixedHead
 
 VARIABLES = {
     "code": Variable((3,)),
@@ -46,17 +57,14 @@ class TinyEncoder(Encoder):
         return mean, log_variance
 
 
-class TinyPoseNetwork(PoseNetwork):
-    def __init__(self, num_azimuths):
-        super().__init__()
+class TinyPoseNetwork(FixedHead):
+    def __init__(self, symmetry, has_roll=True):
+        super().__init__(symmetry, 60.0, has_roll)
         torch.manual_seed(4)
-        self.azimuths = -math.pi + 2 * math.pi * (torch.arange(num_azimuths) + 0.5) / num_azimuths
-        self.elevations = torch.arange(4) * 0.3
-        self.layer = nn.Linear(3, 4 * num_azimuths).double()  # quantiles make much of a rounding
+        self.layer = nn.Linear(3, len(self.rotations))
 
     def forward(self, image):
-        said = (5 * self.layer(image.double().mean((2, 3)))).log_softmax(1)
-        return said.view(len(image), len(self.azimuths), 4)
+        return (5 * self.layer(image.mean((2, 3)))).log_softmax(1)
 
 
 class PerPicture(Initializer):
@@ -87,9 +95,9 @@ BUILD = {
     FromDepth: [lambda: FromDepth(1.1)],
     FromMask: [FromMask],
     PosePosterior: [
-        lambda: PosePosterior(TinyPoseNetwork(6)),
-        lambda: PosePosterior(TinyPoseNetwork(1)),
-        lambda: PosePosterior(TinyPoseNetwork(6), sample=True),
+        lambda: PosePosterior(TinyPoseNetwork("none")),
+        lambda: PosePosterior(TinyPoseNetwork("y")),
+        lambda: PosePosterior(TinyPoseNetwork("none", has_roll=False)),
     ],
     Previous: [PerPicture, lambda: PerPicture(spread={"azimuth": 0.1, "scale": 0.2})],
     SphereGrid: [

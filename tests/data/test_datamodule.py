@@ -40,18 +40,21 @@ def test_batches_have_the_stated_names_shapes_and_ranges(module):
         "source_mask": (4, 1, 16, 16),
         "source_elevation": (4,),
         "source_azimuth": (4,),
+        "source_distance": (4,),
         "target": (4, 3, 16, 16),
         "target_mask": (4, 1, 16, 16),
         "target_depth": (4, 1, 16, 16),
         "elevation": (4,),
         "azimuth": (4,),
+        "distance": (4,),
         "extents": (4, 3),
     }
     assert all(value.dtype == torch.float32 for value in batch.values())
     assert batch["target"].min() >= 0
     assert batch["target"].max() == 1
     assert batch["azimuth"].max() <= 2 * np.pi
-    assert batch["elevation"].max() <= np.deg2rad(75)
+    assert batch["elevation"].abs().max() <= np.pi / 2
+    assert 1.3 <= batch["distance"].min() <= batch["distance"].max() <= 8
 
 
 def test_an_epoch_shows_every_view_once_as_target_beside_another_view_of_its_object(module):
@@ -71,6 +74,9 @@ def test_extents_and_pictures_belong_to_one_object(module):
     views = Views(module._build("train"))
     np.testing.assert_allclose(batch["extents"].numpy(), views.extents[[1, 5]])
     np.testing.assert_allclose(batch["target"][1].numpy() * 255, views.images[17].transpose(2, 0, 1), atol=1e-3)
+    np.testing.assert_allclose(batch["distance"].numpy(), views.distances[[4, 17]])
+    sources = module.train_pairs.sources(torch.tensor([4, 17]))
+    np.testing.assert_allclose(batch["source_distance"].numpy(), views.distances[sources])
     one = module.train_pairs[4]
     torch.testing.assert_close(one["target"], batch["target"][0])
 
@@ -122,6 +128,11 @@ def test_test_shows_others_of_the_held_out_families(cache):
     np.testing.assert_array_equal((seen["target"] * 255).byte().permute(0, 2, 3, 1), again.images[:4])
     module.setup("validate")
     assert not torch.equal(module.val_pairs.images, module.test_pairs.images)
+
+
+def test_the_range_of_distances_is_passed_on(tmp_path):
+    module = ViewsDataModule("can", cache_dir=str(tmp_path), distance_range=(4.0, 4.0), **SMALL)
+    assert (Views(module._build("val")).distances == 4).all()
 
 
 @pytest.mark.parametrize(("does", "rendered"), [("fit", "train val"), ("validate", "val"), ("test", "test")])

@@ -9,19 +9,21 @@ from kfit.data.rasterizer import pose_view
 from kfit.data.shapes import build
 from kfit.data.view_parts import ViewParts
 from kfit.data.views import Views, build_views
+from kfit.geometry import CATEGORIES
 
 
 def contents(path):
     with h5py.File(path) as file:
-        return {name: file[name][()] for name in ("images", "poses", "depth", "extents")}
+        return {name: file[name][()] for name in ("images", "poses", "distances", "depth", "extents")}
 
 
 def test_the_layout_is_the_released_one_with_depth_and_extents_beside_it(tmp_path):
-    path = build_views(tmp_path / "mugs.h5", "mug", 2, 3, image_size=32, elevation_deg=(10, 40))
+    path = build_views(tmp_path / "mugs.h5", "mug", 2, 3, image_size=32, elevation_deg=(10, 40), upright=1)
     data = contents(path)
     assert {name: (array.shape, array.dtype.name) for name, array in data.items()} == {
         "images": ((6, 32, 32, 4), "uint8"),
         "poses": ((6, 2), "float32"),
+        "distances": ((6,), "float32"),
         "depth": ((6, 32, 32), "float16"),
         "extents": ((2, 3), "float32"),
     }
@@ -35,11 +37,41 @@ def test_the_layout_is_the_released_one_with_depth_and_extents_beside_it(tmp_pat
 def test_a_row_is_the_picture_of_its_pose(tmp_path):
     data = contents(build_views(tmp_path / "cans.h5", "can", 2, 2, image_size=32))
     mesh, light = build("can", 1)
-    elevation, azimuth = np.deg2rad(data["poses"][3])
-    view = pose_view(mesh, elevation, azimuth, light, 32)
+    (elevation, azimuth), distance = np.deg2rad(data["poses"][3]), float(data["distances"][3])
+    view = pose_view(mesh, elevation, azimuth, light, 32, distance)
     np.testing.assert_allclose(data["images"][3, ..., :3] / 255, view.image, atol=0.03)
     inside = view.mask == 1
-    np.testing.assert_allclose(data["depth"][3][inside], view.depth[inside] - 4, atol=2e-3)
+    np.testing.assert_allclose(data["depth"][3][inside], view.depth[inside] - distance, atol=2e-3)
+
+
+def test_distances_and_elevations_follow_their_stated_distributions(tmp_path):
+    settings = {"image_size": 2, "supersample": 1, "elevation_deg": (20, 30)}
+    data = contents(build_views(tmp_path / "bowls.h5", "bowl", 1, 600, **settings))
+    distances, elevations = data["distances"], data["poses"][:, 0]
+    assert distances.min() >= 1.3
+    assert distances.max() <= 8
+    # Half of a log-uniform distribution lies below the geometric mean of its ends.
+    assert (distances < np.sqrt(1.3 * 8)).mean() == pytest.approx(0.5, abs=0.05)
+    upright = (elevations >= 20) & (elevations <= 30)
+    on_sphere = (np.sin(np.deg2rad(30)) - np.sin(np.deg2rad(20))) / 2
+    assert upright.mean() == pytest.approx(0.5 + 0.5 * on_sphere, abs=0.05)
+    # A zone of the sphere has the share of its height in the diameter: a quarter lies below -30 degrees.
+    assert (elevations < -30).mean() == pytest.approx(0.125, abs=0.04)
+
+
+def test_equal_ends_fix_the_distance(tmp_path):
+    data = contents(build_views(tmp_path / "cans.h5", "can", 1, 2, image_size=16, distance=(4, 4)))
+    np.testing.assert_array_equal(data["distances"], 4)
+
+
+@pytest.mark.parametrize("held_out", [False, True])
+@pytest.mark.parametrize("category", list(CATEGORIES))
+def test_nothing_leaves_the_picture_at_any_pose_and_distance(category, held_out):
+    for seed in range(8):
+        mesh, _ = build(category, seed, held_out)
+        # Next to the unit sphere's, a smaller sphere's silhouette is largest from afar. 1 % is less than a pixel.
+        radius = np.linalg.norm(mesh.vertices, axis=1).max()
+        assert 2 * radius * CATEGORIES[category].unit_fraction <= 1.01
 
 
 def test_objects_depend_on_the_seed_and_their_own_index_alone(tmp_path):
@@ -138,6 +170,7 @@ def test_files_of_the_released_code_are_read(tmp_path):
     views = Views(tmp_path / "released.h5", num_views=3)
     assert (views.num_objects, views.num_views) == (2, 3)
     assert views.depth is None
+    assert views.distances is None
     assert views.extents is None
     assert views.masks.sum() == 6 * 16 * 255
     np.testing.assert_allclose(views.elevations, np.pi / 6, rtol=1e-6)
@@ -180,6 +213,8 @@ def test_foreign_cut_and_ill_divided_files_are_refused(tmp_path):
     [
         ({"num_objects": 0}, "num_objects must be at least 1"),
         ({"elevation_deg": (50, 20)}, "elevation_deg must rise within"),
+        ({"upright": 1.5}, "upright must lie between 0 and 1"),
+        ({"distance": (0.4, 2)}, "distance must rise within 1 to"),
         ({"source": "cup"}, "source must be one of"),
     ],
 )

@@ -198,11 +198,11 @@ def test_translations_are_measured_from_where_the_objects_were_drawn(tiny_model:
     values = {**angles, "shift": shift * torch.tensor([1.0, -1.0]), "scale": torch.ones(2)}
     rows = torch.arange(2)
     fit = FitResult(
-        {**values, "distance": views.distance.float()}, torch.zeros(2), 0 * rows, rows, 0 * rows, torch.zeros(2),
-        {**values}, History(torch.zeros(0), {}, {}),
+        {**values, "distance": views.translation[:, 2].float()}, torch.zeros(2), 0 * rows, rows, 0 * rows,
+        torch.zeros(2), {**values}, History(torch.zeros(0), {}, {}),
     )  # fmt: skip
     assert translation_errors(tiny_model, views, [fit]).max() < 1e-4
-    nearer = replace(fit, values={**fit.values, "distance": views.distance.float() - 0.1})
+    nearer = replace(fit, values={**fit.values, "distance": views.translation[:, 2].float() - 0.1})
     torch.testing.assert_close(
         translation_errors(tiny_model, views, [nearer]).float(), torch.full((2,), 0.1), rtol=1e-3, atol=0
     )
@@ -216,7 +216,7 @@ def test_depth_of_unseen_views_is_metric_and_known_on_the_object_alone(tiny_mode
     assert not known[mask < 0.2].any()
     assert known[mask > 0.9].all()
     middle = depth.flatten(1).nanmedian(1).values
-    assert ((middle - views.distance).abs() < tiny_model.card.mean_diagonal).all()
+    assert ((middle - views.translation[:, 2]).abs() < tiny_model.card.mean_diagonal).all()
 
 
 def test_a_path_and_an_array_give_the_same_answer(tiny_model: CategoryModel, tmp_path: Path) -> None:

@@ -5,15 +5,15 @@ import math
 import numpy as np
 import pytest
 import torch
-from torch import Tensor
 
 import kfit
 from kfit.bench.held_out_views import held_out_views
 from kfit.core import FitResult, History
 from kfit.generators import PoseHead
-from kfit.geometry import PoseNetwork, Symmetry, rotation_error, rotation_from_angles
+from kfit.geometry import Symmetry, angles_from_rotation, rotation_error, rotation_from_angles
 from kfit.pose import Alternative, CategoryModel
 from kfit.pose.hypotheses import alternatives, ambiguity_warning, head_probability
+from tests.fixed_head import FixedHead
 
 
 def ended(azimuth_deg: list[float], energy: list[float], winner: int = 0, elevation_deg: float = 20.0) -> FitResult:
@@ -66,29 +66,26 @@ def test_each_alternative_tells_weight_and_spread_and_the_answer_is_first() -> N
     assert groups[1].spread_deg == pytest.approx(((100 + 4) / 3) ** 0.5, rel=1e-4)
 
 
-class Says(PoseNetwork):
-    """Half of all certainty at each of two poses, whatever it is shown."""
-
-    def __init__(self, shares: list[float], rings: int = 1) -> None:
-        super().__init__()
-        self.shares = torch.tensor(shares)
-        self.azimuths = torch.linspace(-math.pi, math.pi, len(shares) + 1)[:-1]
-        self.elevations = torch.tensor([0.3])
-
-    def forward(self, image: Tensor) -> Tensor:
-        return self.shares.log().view(1, -1, 1)
-
-
 def test_a_pose_head_warns_where_all_starts_ended_at_one_of_two_poses() -> None:
     picture = torch.ones(1, 3, 8, 8)
-    fit = ended([0, 1, 2], [1.0, 1.0, 1.0])
-    torn, sure = Says([0.02, 0.02, 0.48, 0.48]), Says([0.02, 0.02, 0.94, 0.02])
-    assert head_probability(fit, torn(picture)[0], torn, "none") == pytest.approx(0.48)
-    said = ambiguity_warning(found(fit), head_probability(fit, torn(picture)[0], torn, "none"), "none")
-    assert said is not None
-    assert "probability of only 48 %" in said
-    assert ambiguity_warning(found(fit), head_probability(fit, sure(picture)[0], sure, "none"), "none") is None
-    assert head_probability(fit, torn(picture)[0], torn, "y") == pytest.approx(1)
+    fit = ended([0, 1, 2], [1.0, 1.0, 1.0], elevation_deg=10.0)
+    torn = FixedHead().certain_of((0, 10, 0), (180, 10, 0), weights=(0.5, 0.5))
+    certain = FixedHead().certain_of((0, 10, 0))
+    probability = head_probability(fit, torn(picture)[0], torn, "none")
+    assert probability == pytest.approx(0.48, abs=0.04)
+    sentence = ambiguity_warning(found(fit), probability, "none")
+    assert sentence is not None
+    assert f"probability of only {100 * probability:.0f} %" in sentence
+    assert ambiguity_warning(found(fit), head_probability(fit, certain(picture)[0], certain, "none"), "none") is None
+
+
+def test_a_head_without_roll_takes_the_answers_own() -> None:
+    upright, rolled = FixedHead(has_roll=False).certain_of((0, 10, 0)), FixedHead().certain_of((0, 10, 0))
+    fit = ended([0], [1.0], elevation_deg=10.0)
+    fit.values["roll"][:] = math.pi / 2
+    picture = torch.ones(1, 3, 8, 8)
+    assert head_probability(fit, upright(picture)[0], upright, "none") > 0.8
+    assert head_probability(fit, rolled(picture)[0], rolled, "none") < 0.01
 
 
 def test_the_answer_carries_spread_and_the_word_of_a_head_that_knows_nothing(tiny_model: CategoryModel) -> None:
@@ -111,8 +108,8 @@ def test_the_bundled_mug_s_head_doubts_hidden_handles_and_seldom_what_shows() ->
     for row, truth in enumerate(views.rotation):
         picture = views.observation.image[row : row + 1]
         with torch.no_grad():
-            best = int(head(picture).argmax())
-        azimuth, elevation = head.azimuths[best // len(head.elevations)], head.elevations[best % len(head.elevations)]
+            best = head.rotations[int(head(picture).argmax())]
+        azimuth, elevation, _ = angles_from_rotation(best)
         fit = ended([math.degrees(azimuth)], [1.0], elevation_deg=math.degrees(elevation))
         pose_log_probabilities = model.pose_log_probabilities(picture)
         assert pose_log_probabilities is not None

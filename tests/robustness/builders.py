@@ -34,13 +34,13 @@ def tiny():
     """Networks that are built in no time."""
     from kfit.baselines import CoordinateRegressor, OrientationRegressor
     from kfit.features import EfficientNetLite0
-    from kfit.generators import VAE3D, ConvEncoder, ExtentsHead, PoseHead
+    from kfit.generators import VAE3D, ConvEncoder, ExtentsHead, RotationHead
 
     return {
         "generator": VAE3D(2, (4, 4), 4, (4,)),
         "encoder": ConvEncoder(2, (4, 4), 4, 8),
         "extents": ExtentsHead(2, 4),
-        "head": PoseHead(channels=(4, 4), hidden_dim=4, bin_deg=90, image_size=8),
+        "head": RotationHead(channels=(4, 4), hidden_dim=4, bin_deg=90, image_size=8),
         "regressor": CoordinateRegressor(channels=(4, 4), num_bins=2),
         "orientation": OrientationRegressor(hidden_dim=4, image_size=32),
         "features": EfficientNetLite0((0,)),
@@ -97,6 +97,8 @@ def arguments() -> dict[str, dict]:
         "PosePrior": {"head": small["head"]},
         "PoseTraining": {"pose_head": small["head"]},
         "Previous": {"result": result()},
+        "RandomCrop": {},
+        "RotationHead": {"channels": (4, 4), "hidden_dim": 4, "bin_deg": 45.0, **side},
         "Pruning": {"keep": {1: 2}},
         "Pyramid": {"energy": L1()},
         "RadianceField": {**dims, "volume_dims": (4, 4), **side},

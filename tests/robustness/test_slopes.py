@@ -12,7 +12,6 @@ from torch import Tensor
 
 from kfit.geometry import (
     Crop,
-    bin_log_probabilities,
     box_corners,
     diagonal_at,
     energy_weights,
@@ -63,10 +62,6 @@ class TestSlopesAreThoseOfDifferences:
             (lambda d, s, k: diagonal_at(d, s, k, CROP, CAMERA), [float64(0.7), float64(0, 0.2)[None], float64(1.1)]),
             (lambda t, size: box_corners(torch.eye(3).double(), t, size), [float64(0, 0, 1), float64(1, 2, 3)]),
             (lambda points: project(points, CAMERA), [float64(0.1, 0.2, 1.0)[None]]),
-            (
-                lambda a, e: bin_log_probabilities(a, e, float64(-2, 0, 2), float64(0, 1), 0.1),
-                [float64(math.pi), float64(9.0)],
-            ),
             (energy_weights, [float64(1.0, 1.1, 3.0)]),
         ],
     )

@@ -19,7 +19,7 @@ from torch.utils.data import DataLoader, Dataset
 import kfit
 from kfit.core import Energy, Rendering
 from kfit.energies import L1, Perceptual, Silhouette
-from kfit.generators import VAE3D, ConvEncoder, ExtentsHead, PoseHead, RadianceField
+from kfit.generators import VAE3D, ConvEncoder, ExtentsHead, RadianceField, RotationHead
 from kfit.training import ConditionalVAE, RandomSimilarity
 
 ROOT = Path(__file__).parents[2]
@@ -396,7 +396,7 @@ def test_the_command_line_trains_goes_on_and_packs(tmp_path):
     (head,) = (tmp_path / "head").rglob("last.ckpt")
     run("main", "pack", second, "--pose-head", head, "--out", tmp_path / "mug.safetensors")
     model = kfit.load(tmp_path / "mug.safetensors")
-    assert isinstance(model.pose_head, PoseHead)
+    assert isinstance(model.pose_head, RotationHead)
     assert model.card.training["pose_head"]["steps"] == 4
 
 

@@ -53,6 +53,18 @@ def test_coordinates_are_those_of_the_rasterizer(unit_fraction, distance):
     torch.testing.assert_close(found[seen], truth[seen], atol=1e-5, rtol=0)
 
 
+def test_each_row_has_its_own_distance():
+    (near, near_truth), (far, far_truth) = views(distance=1.4), views(distance=7.0)
+    depth = torch.stack([near["target_depth"][0], far["target_depth"][1]])
+    distance = torch.tensor([1.4, 7.0])
+    found = coordinates_of(depth, near["azimuth"], near["elevation"], 1.15, distance)
+    truth, mask = (
+        torch.stack([a[0], b[1]]) for a, b in ((near_truth, far_truth), (near["target_mask"], far["target_mask"]))
+    )
+    seen = (mask > 0).expand_as(truth)
+    torch.testing.assert_close(found[seen], truth[seen], atol=1e-5, rtol=0)
+
+
 def test_the_loss_is_the_mean_divergence_of_the_targets(monkeypatch):
     told = {}
     monkeypatch.setattr(CoordinateTraining, "log", lambda self, name, value, **_: told.update({name: float(value)}))

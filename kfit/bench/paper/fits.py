@@ -20,6 +20,7 @@ from kfit.energies import L1, L2, SSIM, CodePrior, Perceptual
 from kfit.features import EfficientNetLite0
 from kfit.generators import SimilarityWarp
 from kfit.geometry import CATEGORIES, PoseNetwork, from_opencv, rotation_error, rotation_from_angles
+from kfit.geometry.pose import rotation_of
 from kfit.initializers import Constant, EncoderPosterior, FromMask, PosePosterior, SphereGrid
 from kfit.optimizers import Adam
 from kfit.pose import CategoryModel
@@ -123,8 +124,8 @@ def by_fit(model: CategoryModel, views: HeldOutViews, pipeline: FitPipeline, on_
     shifts = 100 * translation_errors(model, views, results)
     fits = [result.of(number) for result in results for number in range(len(result.energy))][:SHOWN]
     boxes = []
-    for fit, crop in zip(fits, views.crops, strict=False):
-        rotation, place, diagonal = model.placed(fit.values, crop, views.intrinsics)
+    for fit, crop, camera in zip(fits, views.crops, views.intrinsics, strict=False):
+        rotation, place, diagonal = model.placed(fit.values, crop, camera)
         with torch.no_grad():
             boxes.append((rotation[0], place[0], model.extents(fit.values["code"])[0].double() * diagonal))
     warped = SimilarityWarp(model.generator)
@@ -136,8 +137,7 @@ def by_fit(model: CategoryModel, views: HeldOutViews, pipeline: FitPipeline, on_
 def by_head(head: PoseNetwork, views: HeldOutViews, category: str) -> Found:
     """Each view's likeliest pose, by the head alone."""
     starts = PosePosterior(head)({}, views.observation, 1, [])
-    rotation = rotation_from_angles(starts["azimuth"], starts["elevation"], 0 * starts["elevation"])
-    return Found(errors(rotation, views, category))
+    return Found(errors(rotation_of(starts), views, category))
 
 
 def by_regressor(regressor: OrientationRegressor, views: HeldOutViews, category: str) -> Found:
@@ -160,7 +160,7 @@ def by_coordinates(network: CoordinateRegressor, views: HeldOutViews, category: 
             half = coordinates[number][:, mask[0] > 0.5].abs().quantile(0.98, 1)
             size = 2 * half * diagonal
         rotations.append(rotation.double())
-        shifts.append(100 * (place - views.distance[number] * torch.tensor([0.0, 0.0, 1.0])).norm())
+        shifts.append(100 * (place - views.translation[number]).norm())
         boxes.append((rotation.double(), place.double(), size.double()))
     away = errors(from_opencv(torch.stack(rotations)), views, category)
     return Found(away, torch.stack(shifts), boxes[:SHOWN])

@@ -1,0 +1,148 @@
+"""From a picture to a distribution over all rotations."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional as F
+
+from kfit.core import Rendering
+from kfit.core.check import check_choice, check_count, check_list, check_range
+from kfit.generators.similarity_warp import warp
+from kfit.geometry import Symmetry
+from kfit.geometry.pose_network import PoseNetwork
+
+
+class RotationHead(PoseNetwork):
+    """Predicts how likely a picture shows its object at each rotation: log-probabilities of bins.
+
+    By the chain rule, log p(roll, azimuth, elevation | I) = log p(roll | I) + log p(azimuth, elevation | I, roll). One
+    convolutional network has an output for each factor: rolls from the picture as it is, azimuth and elevation from
+    the picture turned back by a roll. A forward pass turns the picture back by each roll bin; the roll outputs of all
+    turned pictures are averaged (in logarithms, each shifted by its turn), so that a turn of the picture by a bin
+    shifts the distribution by a bin. Straight from above or below, where roll and azimuth cannot be told apart, the
+    targets spread over all pairs that give the same rotation, because they depend on the rotation alone.
+
+    Five convolutions of stride 1 or 2 levels, each level with a residual convolution, then two linear layers.
+
+    Args:
+        symmetry: of the category; with ``"y"`` azimuth is free and there is one bin of it.
+        channels: of the levels, each half as wide and high as the one before.
+        hidden_dim: units between the linear layers.
+        bin_deg: width of a bin in degrees; it must divide 180.
+        sigma_deg: standard deviation of a target around the true rotation.
+        image_size: side of the pictures in pixels.
+
+    Raises:
+        ValueError: for a setting out of range.
+    """
+
+    def __init__(
+        self,
+        symmetry: Symmetry = "none",
+        channels: Sequence[int] = (32, 64, 128, 256),
+        hidden_dim: int = 256,
+        bin_deg: float = 12.0,
+        sigma_deg: float = 7.0,
+        image_size: int = 64,
+    ) -> None:
+        check_choice("RotationHead: symmetry", symmetry, ("none", "y"))
+        check_list("RotationHead: channels", channels, None, check_count, 4, 4096)
+        check_count("RotationHead: hidden_dim", hidden_dim, 1, 4096)
+        check_count("RotationHead: image_size", image_size, 2 ** len(channels), 1024)
+        check_range("RotationHead: bin_deg", bin_deg, 5, 90)
+        check_range("RotationHead: sigma_deg", sigma_deg, 0.1, 90)
+        if 180 % bin_deg:
+            raise ValueError(f"RotationHead: bin_deg must divide 180, got {bin_deg:g}")
+        turn = _bins(-180, 180, round(360 / bin_deg))
+        super().__init__(
+            rolls=2 * math.pi * torch.arange(len(turn)) / len(turn),
+            azimuths=torch.zeros(1) if symmetry == "y" else turn,
+            elevations=_bins(-90, 90, round(180 / bin_deg)),
+            symmetry=symmetry,
+            sigma=math.radians(sigma_deg),
+        )
+        self.features = nn.Sequential(_convolution(3, channels[0], 2))
+        for a, b in pairwise(channels):
+            self.features.extend([_convolution(a, b, 2), _Residual(b)])
+        self.hidden = nn.Linear(channels[-1] * (image_size // 2 ** len(channels)) ** 2, hidden_dim)
+        self.roll = nn.Linear(hidden_dim, self.num_rolls)
+        self.view = nn.Linear(hidden_dim, self.num_azimuths * self.num_elevations)
+
+    def forward(self, image: Tensor) -> Tensor:
+        rows, count = len(image), self.num_rolls
+        back = -self._roll(torch.arange(count, device=image.device))
+        turned = _turned(image.repeat_interleave(count, 0), back.repeat(rows))
+        roll, view = (output.unflatten(0, (rows, count)) for output in self._outputs(turned))
+        # The picture turned back by bin k has its object at roll j − k.
+        bins = torch.arange(count, device=image.device)
+        roll = roll.gather(2, ((bins - bins[:, None]) % count).expand(rows, -1, -1)).mean(1).log_softmax(1)
+        joint: Tensor = (roll[:, :, None] + view).flatten(1)
+        return joint
+
+    def divergence(self, image: Tensor, azimuth: Tensor, elevation: Tensor, roll: Tensor) -> Tensor:
+        """Return KL(q ‖ p) (N,) in nats between targets q (``log_kernel``) and predictions p, estimated by sampling.
+
+        By the chain rule it is KL(q(roll) ‖ p(roll)) + E_q(roll) KL(q(view | roll) ‖ p(view | roll)). The expectation
+        is over one roll drawn from q for each picture. The roll output learns from the picture as it is and from the
+        picture turned back, half each.
+
+        Args:
+            image: (N, 3, S, S) in [0, 1] on white.
+            azimuth, elevation, roll: (N,) the true angles in radians.
+        """
+        with torch.no_grad():
+            joint = self.log_kernel(azimuth, elevation, roll).unflatten(1, (self.num_rolls, -1))
+            target_roll = joint.logsumexp(2)
+            drawn = torch.multinomial(target_roll.exp(), 1)
+            target_view = joint.take_along_dim(drawn[..., None], 1)[:, 0].log_softmax(1)
+            bins = torch.arange(self.num_rolls, device=image.device)
+            shifted_roll = target_roll.gather(1, (bins + drawn) % self.num_rolls)
+            pictures = torch.cat([image, _turned(image, -self._roll(drawn[:, 0]))])
+        predicted_roll, predicted_view = self._outputs(pictures)
+        rolls = _divergence(predicted_roll, torch.cat([target_roll, shifted_roll])).view(2, -1).mean(0)
+        return rolls + _divergence(predicted_view[len(image) :], target_view)
+
+    def _roll(self, number: Tensor) -> Tensor:
+        return 2 * math.pi / self.num_rolls * number
+
+    def _outputs(self, image: Tensor) -> tuple[Tensor, Tensor]:
+        """Log-probabilities of rolls (N, R) and of views (N, A · E)."""
+        hidden = F.leaky_relu(self.hidden(self.features(2 * image - 1).flatten(1)), 0.2)
+        outputs = self.roll(hidden), self.view(hidden)
+        # Half precision, under autocast, is too coarse for a logarithm.
+        roll, view = (out.to(torch.promote_types(out.dtype, torch.float32)).log_softmax(1) for out in outputs)
+        return roll, view
+
+
+class _Residual(nn.Module):
+    def __init__(self, dim: int) -> None:
+        super().__init__()
+        self.change = _convolution(dim, dim, 1)
+
+    def forward(self, x: Tensor) -> Tensor:
+        changed: Tensor = x + self.change(x)
+        return changed
+
+
+def _convolution(a: int, b: int, stride: int) -> nn.Sequential:
+    # The normalisation has the offset.
+    return nn.Sequential(nn.Conv2d(a, b, 3, stride, 1, bias=False), nn.BatchNorm2d(b), nn.LeakyReLU(0.2))
+
+
+def _bins(low_deg: float, high_deg: float, count: int) -> Tensor:
+    low, high = math.radians(low_deg), math.radians(high_deg)
+    return low + (high - low) * (torch.arange(count) + 0.5) / count
+
+
+def _turned(image: Tensor, roll: Tensor) -> Tensor:
+    zero, one = roll.new_zeros(len(roll), 2), torch.ones_like(roll)
+    return warp(Rendering(image), roll.to(image), zero.to(image), one.to(image)).image
+
+
+def _divergence(log_probability: Tensor, log_target: Tensor) -> Tensor:
+    return F.kl_div(log_probability, log_target, reduction="none", log_target=True).sum(1)

@@ -1,0 +1,118 @@
+"""Views cut out as photos are: turned in the plane and framed by the object's outline."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from kornia.geometry.transform import warp_affine
+from torch import Tensor
+
+from kfit.core.check import check_count, check_range
+from kfit.geometry.crop import MARGIN
+
+
+class RandomCrop:
+    """Turns views at random, hides a side of some, and cuts them out by the box of what is seen of them.
+
+    A view of a generator shows the object upright, its box's centre in the middle and its size as it is. The crop of a
+    photo is framed by the mask's box (`kfit.geometry.Crop.around`), and hand-held cameras and lying objects are rolled.
+    Half of the rolls are normal around 0, the others uniform over the circle: objects mostly stand, but not always.
+
+    Args:
+        size: side of the crops in pixels.
+        roll_deg: standard deviation of the rolls around 0.
+        shift: largest shift of the crop's centre, as a share of its side.
+        scale: largest factor on the crop's side; factors are log-uniform between its inverse and itself.
+        hidden: probability that a side of the object is hidden, up to 0.4 of its extent, as by a picture's border or
+            by another object.
+
+    Raises:
+        ValueError: for a setting out of range.
+    """
+
+    def __init__(
+        self, size: int = 64, roll_deg: float = 10.0, shift: float = 0.04, scale: float = 1.1, hidden: float = 0.2
+    ) -> None:
+        check_count("RandomCrop: size", size)
+        check_range("RandomCrop: roll_deg", roll_deg, 0, 180)
+        check_range("RandomCrop: shift", shift, 0, 0.5)
+        check_range("RandomCrop: scale", scale, 1, 2)
+        check_range("RandomCrop: hidden", hidden, 0, 1)
+        self.size, self.roll, self.shift, self.scale = size, math.radians(roll_deg), shift, scale
+        self.hidden = hidden
+
+    def __call__(self, image: Tensor, mask: Tensor) -> tuple[Tensor, Tensor]:
+        """Crop pictures (N, 3, S, S) on white by their masks (N, 1, S, S).
+
+        Returns:
+            Crops (N, 3, size, size) on white, and their rolls (N,) in radians; drawn from torch's random numbers.
+        """
+        rows = image.new_zeros(len(image))
+        near = self.roll * torch.randn_like(rows)
+        roll = torch.where(torch.rand_like(rows) < 0.5, near, math.pi * (2 * torch.rand_like(rows) - 1))
+        image, mask = self._hide(image, mask)
+        even = 2 * torch.rand_like(image[:, :, 0, 0]) - 1
+        shift, factor = self.shift * even[:, :2], (math.log(self.scale) * even[:, 2]).exp()
+        return crop_rolled(image, mask, roll, self.size, shift, factor), roll
+
+    def _hide(self, image: Tensor, mask: Tensor) -> tuple[Tensor, Tensor]:
+        rows = image.new_zeros(len(image))
+        angle = 2 * math.pi * torch.rand_like(rows)
+        share = 0.4 * torch.rand_like(rows) * (torch.rand_like(rows) < self.hidden)
+        x, y = _pixels(mask)
+        along = angle.cos()[:, None, None] * x + angle.sin()[:, None, None] * y
+        there = mask[:, 0] > 0.5
+        low, high = (_extreme(along, there, largest) for largest in (False, True))
+        kept = (along <= (high - share * (high - low))[:, None, None]).to(image)[:, None]
+        return (image - 1) * kept + 1, mask * kept
+
+
+def crop_rolled(
+    image: Tensor, mask: Tensor, roll: Tensor, size: int, shift: Tensor | None = None, factor: Tensor | None = None
+) -> Tensor:
+    """Turn pictures by their rolls and cut out squares around the boxes of their turned masks.
+
+    Args:
+        image: (N, C, S, S) on white.
+        mask: (N, 1, S, S), above 1/2 on the object.
+        roll: (N,) anticlockwise turns in radians.
+        size: side of the crops in pixels.
+        shift: (N, 2) shift of the crops' centres right and down, as shares of their sides.
+        factor: (N,) on the crops' sides.
+
+    Returns:
+        (N, C, size, size) on white, the squares' sides 1.3 times those of the boxes.
+    """
+    cos, sin = roll.cos()[:, None, None], roll.sin()[:, None, None]
+    x, y = _pixels(mask)
+    # In pixels y points down: an anticlockwise turn takes (x, y) to (x cos + y sin, −x sin + y cos).
+    turned = torch.stack([cos * x + sin * y, cos * y - sin * x])
+    there = mask[:, 0] > 0.5
+    low, high = (torch.stack([_extreme(axis, there, largest) for axis in turned], 1) for largest in (False, True))
+    side = MARGIN * (high - low + 1).amax(1)
+    side = side if factor is None else side * factor
+    centre = (low + high) / 2
+    centre = centre if shift is None else centre + shift * side[:, None]
+    zoom = (size / side)[:, None, None]
+    linear = zoom * torch.cat([torch.cat([cos, sin], 2), torch.cat([-sin, cos], 2)], 1)
+    middle_in, middle_out = (image.shape[-1] - 1) / 2, (size - 1) / 2
+    offset = middle_out - zoom * centre[..., None] - linear.sum(2, keepdim=True) * middle_in
+    with torch.autocast(image.device.type, enabled=False):
+        matrix = torch.cat([linear, offset], 2)
+        cropped: Tensor = warp_affine(image - 1, matrix, (size, size), align_corners=True) + 1
+    return cropped
+
+
+def _pixels(mask: Tensor) -> tuple[Tensor, Tensor]:
+    """Coordinates (S,) across and (S, 1) down of pixels from the picture's middle."""
+    side = mask.shape[-1]
+    place = torch.arange(side, device=mask.device, dtype=mask.dtype) - (side - 1) / 2
+    return place, place[:, None]
+
+
+def _extreme(value: Tensor, there: Tensor, largest: bool) -> Tensor:
+    """Largest or least of (N, S, S) where the object is; 0 where it is nowhere."""
+    filled = value.masked_fill(~there, -torch.inf if largest else torch.inf)
+    extreme = filled.amax((1, 2)) if largest else filled.amin((1, 2))
+    return extreme.nan_to_num(0.0, 0.0, 0.0)
