@@ -16,6 +16,8 @@ import torch
 from torch import Tensor, nn
 
 from kfit.core.check import check_names, check_shape
+from kfit.core.part import Part
+from kfit.core.pictures import Reduction, at_least_single, check_pictures, check_target, precision_of, reduced
 from kfit.core.result import FitResult
 from kfit.core.state import Evaluation, FitState, Observation, Rendering
 from kfit.core.variables import Variable, Variables
@@ -24,7 +26,7 @@ Need = Literal["value", "gradient", "residuals"]
 Step: TypeAlias = "tuple[Variables, Evaluation, Any]"
 
 
-class Generator(nn.Module, ABC):
+class Generator(Part, nn.Module, ABC):
     """Draws pictures from named variables.
 
     Attributes:
@@ -97,7 +99,7 @@ class Encoder(nn.Module, ABC):
         """Mean and log-variance (N, D) of a Gaussian over the code, from RGB (N, 3, S, S) in [0, 1] on white."""
 
 
-class Energy(nn.Module, ABC):
+class Energy(Part, nn.Module, ABC):
     """How badly a prediction explains a target: one number a row, lower is better.
 
     Compares two tensors, so it serves any task and needs no pipeline.
@@ -106,17 +108,26 @@ class Energy(nn.Module, ABC):
         on: field(s) of rendering and observation that a pipeline hands it; a tuple hands dicts of tensors.
         mixed: whether a fit under ``torch.autocast`` should compare under it too, as convolutions of many channels
             gain by it. Others lose in half precision what they measure, and are kept out of it.
+        volumes: whether it compares volumes (N, C, D, H, W) too.
+        unit_range: whether its numbers mean something for targets in [0, 1] alone.
     """
 
     on: str | tuple[str, ...] = "image"
     mixed: bool = False
+    volumes: bool = False
+    unit_range: bool = False
+
+    def check(self, target: Any, weight: Tensor | None = None) -> None:
+        """Refuse, with TypeError or ValueError, what it cannot compare; done once a fit, and in each `forward`."""
+        check_target(target, weight, self.volumes, self.unit_range)
 
     def prepare(self, target: Any, weight: Tensor | None = None) -> Any:
         """What of the target can be computed once a fit: a pytree of tensors that lead with rows.
 
         Args:
             target: (N, C, H, W), or a dict of such where ``on`` is a tuple.
-            weight: (N, 1, H, W) or None, 0 where a pixel does not count.
+            weight: (N, 1, H, W) or None, 0 where a pixel does not count, whatever it holds, NaN too. In a fit it is
+                the product of the observation's weight and the rendering's, which may have a gradient.
         """
         return {"target": target} if weight is None else {"target": target, "weight": weight}
 
@@ -124,9 +135,19 @@ class Energy(nn.Module, ABC):
     def compare(self, prediction: Any, prepared: Any) -> Tensor:
         """Energies (N,) of N predictions against N prepared targets."""
 
-    def forward(self, prediction: Any, target: Any, weight: Tensor | None = None) -> Tensor:
-        """``compare(prediction, prepare(target, weight))``: how other tasks call it."""
-        return self.compare(prediction, self.prepare(target, weight))
+    def forward(
+        self, prediction: Any, target: Any, weight: Tensor | None = None, reduction: Reduction = "none"
+    ) -> Tensor:
+        """``compare(prediction, prepare(target, weight))``, checked, for other tasks such as trainings.
+
+        Under ``torch.autocast`` it computes in single precision, unless it is `mixed`. ``reduction`` "none" gives
+        energies (N,), "mean" and "sum" one number.
+        """
+        self.check(target, weight)
+        check_pictures("prediction", prediction, self.volumes)
+        prediction, target = at_least_single((prediction, target))
+        with precision_of(target, self.mixed):
+            return reduced(self.compare(prediction, self.prepare(target, weight)), reduction)
 
 
 class ResidualEnergy(Energy):
@@ -140,7 +161,7 @@ class ResidualEnergy(Energy):
         return self.residuals(prediction, prepared).square().sum(1)
 
 
-class Prior(nn.Module, ABC):
+class Prior(Part, nn.Module, ABC):
     """How unlikely values of variables are, in general or for the picture that was seen: one number a row.
 
     Attributes:
@@ -169,7 +190,7 @@ class ResidualPrior(Prior):
         return self.residuals(value, prepared).square().sum(1)
 
 
-class Initializer(ABC):
+class Initializer(Part, ABC):
     """Proposes starts.
 
     Attributes:
@@ -227,7 +248,7 @@ class Linearization(Protocol):
         ...
 
 
-class Optimizer(ABC):
+class Optimizer(Part, ABC):
     """Moves rows downhill. Stateless: its memory is a value in which every tensor leads with rows."""
 
     @abstractmethod
@@ -246,7 +267,7 @@ class Optimizer(ABC):
         """One step: the new raw variables, the evaluation *at the old ones*, and the new memory."""
 
 
-class Callback:
+class Callback(Part):
     """Looks on during a fit, and may thin the rows out."""
 
     def on_start(self, state: FitState) -> None:
@@ -260,7 +281,7 @@ class Callback:
         """Called once, with the result."""
 
 
-class Selector(ABC):
+class Selector(Part, ABC):
     """Picks the winner of each problem."""
 
     @abstractmethod
@@ -268,7 +289,7 @@ class Selector(ABC):
         """Row (B,) that wins each problem, from R rows in any order; every problem 0…B−1 has at least one row."""
 
 
-class Schedule(ABC):
+class Schedule(Part, ABC):
     """A term's weight that changes over the steps."""
 
     @abstractmethod

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from typing import Any, Literal
 
 import torch
@@ -88,6 +89,12 @@ def at_least_single(tensors: Any) -> Any:
     return pytree.tree_map_only(
         Tensor, lambda t: t.to(torch.promote_types(t.dtype, torch.float32)) if t.is_floating_point() else t, tensors
     )
+
+
+def precision_of(tensors: Any, mixed: bool) -> AbstractContextManager[Any]:
+    """The precision around for what is ``mixed``, else single, where tensors of a pytree compute."""
+    device = pytree.tree_leaves(tensors)[0].device.type
+    return nullcontext() if mixed else torch.autocast(device, enabled=False)
 
 
 def reduced(energies: Tensor, reduction: Reduction) -> Tensor:

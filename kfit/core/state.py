@@ -43,7 +43,8 @@ class _Fields:
 class Observation(_Fields):
     """B pictures to be explained, of as many problems or, with V views, of B / V.
 
-    The V pictures of a problem stand one after another, and a fit explains them all by one set of values.
+    The V pictures of a problem stand one after another, and a fit explains them all by one set of values. Volumes have
+    an axis D before H in all fields.
 
     Attributes:
         image: (B, C, H, W), RGB in [0, 1] on white background.
@@ -71,12 +72,13 @@ class Observation(_Fields):
     views: int = 1
 
     def __post_init__(self) -> None:
-        check_shape("image", self.image, ("B", "C", "H", "W"))
+        volume = isinstance(self.image, Tensor) and self.image.dim() == 5
+        check_shape("image", self.image, ("B", "C", *("DHW" if volume else "HW")))
         check_float("image", self.image)
-        rows, _, height, width = self.image.shape
+        rows, _, *size = self.image.shape
         for name in ("mask", "depth", "weight"):
             if getattr(self, name) is not None:
-                check_shape(name, getattr(self, name), (rows, 1, height, width))
+                check_shape(name, getattr(self, name), (rows, 1, *size))
                 if name in ("mask", "depth"):
                     check_float(name, getattr(self, name))
         if self.intrinsics is not None:

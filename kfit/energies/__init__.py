@@ -1,5 +1,6 @@
 """Energies: how badly a picture explains an observation, and how unlikely a code or a pose is."""
 
+from kfit.energies import functional
 from kfit.energies.code_prior import CodePrior
 from kfit.energies.depth import Depth
 from kfit.energies.gradient import Gradient
@@ -11,9 +12,10 @@ from kfit.energies.ncc import NCC
 from kfit.energies.perceptual import Perceptual
 from kfit.energies.pixel import L1, L2
 from kfit.energies.pose_prior import PosePrior
+from kfit.energies.psnr import PSNR
 from kfit.energies.pyramid import Pyramid, ResidualPyramid
 from kfit.energies.robust import Cauchy, Charbonnier, GemanMcClure, Huber, Welsch
-from kfit.energies.silhouette import Silhouette, SoftIoU
+from kfit.energies.silhouette import Dice, Silhouette, SoftIoU
 from kfit.energies.smoothness import BendingEnergy, TotalVariation
 from kfit.energies.ssim import SSIM
 
@@ -23,12 +25,14 @@ __all__ = [
     "LPIPS",
     "MSSSIM",
     "NCC",
+    "PSNR",
     "SSIM",
     "BendingEnergy",
     "Cauchy",
     "Charbonnier",
     "CodePrior",
     "Depth",
+    "Dice",
     "GemanMcClure",
     "Gradient",
     "Huber",
@@ -42,4 +46,5 @@ __all__ = [
     "SoftIoU",
     "TotalVariation",
     "Welsch",
+    "functional",
 ]

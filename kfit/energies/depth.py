@@ -24,6 +24,7 @@ class Depth(L1):
     """
 
     on = "depth"
+    volumes = False
 
     def prepare(self, target: Any, weight: Tensor | None = None) -> Any:
         check_shape("target", target, ("N", 1, "H", "W"))

@@ -23,7 +23,7 @@ class LocalNCC(Energy):
     weighted pixels of a square window that the picture's border cuts off, and c = 1e-5 makes flat windows agree.
     0 for pictures that differ by smooth changes of light, about 1/2 for unrelated ones, 1 for negatives.
 
-    Shape: pictures (N, C, H, W) in [0, 1], weight (N, 1, H, W), energy (N,).
+    Shape: pictures (N, C, H, W) in [0, 1], weight (N, 1, H, W), energy (N,); volumes (N, C, D, H, W) too.
     Source: Avants et al., Symmetric diffeomorphic image registration with cross-correlation, 2008 (there squared).
 
     Args:
@@ -32,6 +32,9 @@ class LocalNCC(Energy):
     Raises:
         ValueError: for an even window or one of a single pixel, and if the pictures' shapes differ.
     """
+
+    volumes = True
+    unit_range = True
 
     def __init__(self, window_size: int = 9) -> None:
         super().__init__()
@@ -63,7 +66,7 @@ class LocalNCC(Energy):
         covariance = self._mean(prediction * target, prepared) - mean * prepared["mean"]
         lengths = (variance + _LEAST_VARIANCE) * (prepared["variance"] + _LEAST_VARIANCE)
         correlation = (covariance + _LEAST_VARIANCE) / lengths.sqrt()
-        energy: Tensor = ((1 - correlation) / 2 * prepared["share"]).sum((1, 2, 3))
+        energy: Tensor = ((1 - correlation) / 2 * prepared["share"]).flatten(1).sum(1)
         return energy
 
     def _moments(self, image: Tensor, window: dict[str, Tensor]) -> tuple[Tensor, Tensor]:
@@ -75,5 +78,7 @@ class LocalNCC(Energy):
 
     def _summed(self, image: Tensor) -> Tensor:
         """Sum over the window about each pixel; nothing lies outside the picture."""
-        summed: Tensor = F.avg_pool2d(image, self.window_size, 1, self.window_size // 2, divisor_override=1)
+        edge, axes = self.window_size // 2, image.dim() - 2
+        pool = F.avg_pool2d if axes == 2 else F.avg_pool3d
+        summed: Tensor = pool(F.pad(image, (edge, edge) * axes), self.window_size, 1, divisor_override=1)
         return summed

@@ -41,6 +41,7 @@ class LPIPS(ResidualEnergy):
     """
 
     mixed = True
+    unit_range = True
 
     def __init__(self, backbone: Literal["alex", "vgg"] = "alex", weights: str | None = None) -> None:
         super().__init__()

@@ -22,12 +22,15 @@ class NCC(ResidualEnergy):
     over all pixels and channels, each channel about its own weighted mean, and c = 1e-8 keeps flat pictures finite.
     0 for pictures that differ by a positive gain and by offsets, 1/2 for unrelated ones, 1 for negatives.
 
-    Shape: pictures (N, C, H, W), weight (N, 1, H, W), energy (N,), residuals (N, C·H·W + 1).
+    Shape: pictures (N, C, H, W), weight (N, 1, H, W), energy (N,), residuals (N, C·H·W + 1); volumes
+    (N, C, D, H, W) too.
     Source: Lewis, Fast normalized cross-correlation, 1995; OpenCV's TM_CCOEFF_NORMED.
 
     Raises:
         ValueError: if the pictures' shapes differ.
     """
+
+    volumes = True
 
     def prepare(self, target: Any, weight: Tensor | None = None) -> Any:
         share = {"share": normalized_weights(weight, target), "root": root_weights(weight, target)}
@@ -46,8 +49,9 @@ class NCC(ResidualEnergy):
 def _unit(image: Tensor, parts: dict[str, Tensor]) -> Tensor:
     """A row's deviations from their mean as one vector (N, C·H·W + 1) of length 1; its last number is √c's share."""
     share = parts["share"]
-    total = share.expand_as(image[:, :1]).sum((2, 3), keepdim=True)
-    mean = (image * share).sum((2, 3), keepdim=True) / torch.where(total > 0, total, 1)
+    axes = tuple(range(2, image.dim()))
+    total = share.expand_as(image[:, :1]).sum(axes, keepdim=True)
+    mean = (image * share).sum(axes, keepdim=True) / torch.where(total > 0, total, 1)
     deviation = ((image - mean) * parts["root"]).flatten(1)
     last = deviation.new_full((len(deviation), 1), _LEAST_VARIANCE**0.5)
     length = (deviation.square().sum(1, keepdim=True) + _LEAST_VARIANCE).sqrt()

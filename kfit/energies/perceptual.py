@@ -36,6 +36,8 @@ class Perceptual(ResidualEnergy):
             None normalizes where there is more than one layer.
     """
 
+    unit_range = True
+
     def __init__(
         self, network: FeatureNetwork | nn.Module, squared: bool = True, normalize: bool | None = None
     ) -> None:
@@ -77,6 +79,7 @@ class Perceptual(ResidualEnergy):
         return torch.cat(parts, 1) / math.sqrt(len(parts))
 
     def _features(self, image: Tensor) -> Mapping[str, Tensor]:
-        features: Mapping[str, Tensor] | Tensor = self.network(image)
+        kept = next(self.network.parameters(), image)
+        features: Mapping[str, Tensor] | Tensor = self.network(image.to(kept.dtype))
         named = features if isinstance(features, Mapping) else {"output": features}
         return {name: feature.to(torch.promote_types(feature.dtype, torch.float32)) for name, feature in named.items()}

@@ -16,11 +16,13 @@ class L1(Energy):
 
     E = Σ_p w_p · mean_c |x_pc − y_pc| / Σ_p w_p, in [0, 1] for pictures in [0, 1].
 
-    Shape: pictures (N, C, H, W), weight (N, 1, H, W), energy (N,).
+    Shape: pictures (N, C, H, W), weight (N, 1, H, W), energy (N,); volumes (N, C, D, H, W) too.
 
     Raises:
         ValueError: if the pictures' shapes differ.
     """
+
+    volumes = True
 
     def prepare(self, target: Any, weight: Tensor | None = None) -> Any:
         return super().prepare(fill_background(target, weight), weight)
@@ -29,7 +31,7 @@ class L1(Energy):
         target, weight = prepared["target"], prepared.get("weight")
         check_shape("prediction", prediction, tuple(target.shape))
         error: Tensor = (fill_background(prediction, weight) - target).abs() * normalized_weights(weight, target)
-        return error.sum((1, 2, 3))
+        return error.flatten(1).sum(1)
 
 
 class L2(ResidualEnergy):
@@ -37,11 +39,14 @@ class L2(ResidualEnergy):
 
     E = Σ_p w_p · mean_c (x_pc − y_pc)² / Σ_p w_p, in [0, 1] for pictures in [0, 1].
 
-    Shape: pictures (N, C, H, W), weight (N, 1, H, W), energy (N,), residuals (N, C·H·W).
+    Shape: pictures (N, C, H, W), weight (N, 1, H, W), energy (N,), residuals (N, C·H·W); volumes
+    (N, C, D, H, W) too.
 
     Raises:
         ValueError: if the pictures' shapes differ.
     """
+
+    volumes = True
 
     def prepare(self, target: Any, weight: Tensor | None = None) -> Any:
         return super().prepare(fill_background(target, weight), weight)

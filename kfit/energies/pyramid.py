@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import torch
-import torch.nn.functional as F
+from kornia.geometry.transform import pyrdown
 from torch import Tensor
 
 from kfit.core import Energy, ResidualEnergy
@@ -18,10 +18,10 @@ from kfit.energies.weighting import fill_background
 class Pyramid(Energy):
     """The mean of an energy over a picture, its half, its quarter, …: coarse levels pull from afar, fine ones settle.
 
-    E = 1/L Σ_l e(x_l, y_l; w_l), where each level holds the weighted means of 2×2 pixels of the one before, and as
-    weights the means of their weights. Odd last rows and columns are left out of the coarser level.
+    E = 1/L Σ_l e(x_l, y_l; w_l), where each level is Kornia's ``pyrdown`` of the one before: a 5×5 Gaussian and half
+    the size, rounded down, the border mirrored. Weights come down alike, and pictures premultiplied by them.
 
-    Shape: as the energy's; H and W at least 2^(L − 1), and as large at the coarsest level as the energy demands.
+    Shape: as the energy's; H and W at least 3 · 2^(L − 2), and as large at the coarsest level as the energy demands.
 
     Args:
         energy: compares each level; compares the same fields of a rendering as alone.
@@ -34,7 +34,15 @@ class Pyramid(Energy):
     def __init__(self, energy: Energy, num_levels: int = 3) -> None:
         super().__init__()
         check_count("num_levels", num_levels)
-        self.energy, self.num_levels, self.on = energy, num_levels, energy.on
+        self.energy, self.num_levels = energy, num_levels
+        self.on, self.mixed, self.unit_range = energy.on, energy.mixed, energy.unit_range
+
+    def check(self, target: Any, weight: Tensor | None = None) -> None:
+        super().check(target, weight)
+        for _ in range(self.num_levels - 1):
+            target = _halved(target, weight)
+            weight = None if weight is None else _pooled(weight)
+        self.energy.check(target, weight)
 
     def prepare(self, target: Any, weight: Tensor | None = None) -> Any:
         levels, weights = [], []
@@ -89,6 +97,7 @@ def _halved(pictures: Any, weight: Tensor | None) -> Any:
 
 
 def _pooled(picture: Tensor) -> Tensor:
-    if min(picture.shape[-2:]) < 2:
+    if min(picture.shape[-2:]) < 3:  # the border is mirrored by two pixels
         raise ValueError(f"num_levels is too large: a level of {tuple(picture.shape[-2:])} pixels has no half")
-    return F.avg_pool2d(picture if picture.is_floating_point() else picture.float(), 2)
+    half: Tensor = pyrdown(picture if picture.is_floating_point() else picture.float())
+    return half

@@ -19,6 +19,8 @@ class _Robust(ResidualEnergy):
     # ρ(u) of each number as loss(u, 0, reduction="none"), about u² / 2 where u is small
     loss: Callable[..., Tensor]
 
+    volumes = True
+
     def __init__(self, scale: float = 0.1) -> None:
         super().__init__()
         check_positive("scale", scale)
@@ -48,7 +50,8 @@ class Charbonnier(_Robust):
     All kernels of this file are about u² / 2 for differences well below the scale s, and give residuals ±√ρ, so that
     a least-squares optimizer can take them.
 
-    Shape: pictures (N, C, H, W), weight (N, 1, H, W), energy (N,), residuals (N, C·H·W).
+    Shape: pictures (N, C, H, W), weight (N, 1, H, W), energy (N,), residuals (N, C·H·W); volumes
+    (N, C, D, H, W) too.
     Source: Charbonnier et al., 1994; α = 1 in Barron, A general and adaptive robust loss function, 2019.
 
     Args:

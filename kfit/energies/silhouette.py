@@ -1,4 +1,4 @@
-"""Outline against outline."""
+"""Mask against mask."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ class Silhouette(L2):
     """
 
     on = "mask"
+    unit_range = True
 
 
 class SoftIoU(Energy):
@@ -27,13 +28,15 @@ class SoftIoU(Energy):
 
     E = 1 − Σ w · min(a, b) / Σ w · max(a, b); two empty masks agree, E = 0.
 
-    Shape: masks (N, 1, H, W) in [0, 1], weight (N, 1, H, W), energy (N,) in [0, 1].
+    Shape: masks (N, 1, H, W) in [0, 1], weight (N, 1, H, W), energy (N,) in [0, 1]; volumes (N, 1, D, H, W) too.
 
     Raises:
         ValueError: if the masks' shapes differ.
     """
 
     on = "mask"
+    volumes = True
+    unit_range = True
 
     def prepare(self, target: Any, weight: Tensor | None = None) -> Any:
         return super().prepare(fill_background(target, weight), weight)
@@ -42,7 +45,41 @@ class SoftIoU(Energy):
         target, weight = prepared["target"], prepared.get("weight")
         check_shape("prediction", prediction, tuple(target.shape))
         prediction, share = fill_background(prediction, weight), normalized_weights(weight, target)
-        union = (torch.maximum(prediction, target) * share).sum((1, 2, 3))
+        union = (torch.maximum(prediction, target) * share).flatten(1).sum(1)
         # max − min = |a − b|: the difference of two sums would round to something below 0 at the truth
-        apart: Tensor = ((prediction - target).abs() * share).sum((1, 2, 3))
+        apart: Tensor = ((prediction - target).abs() * share).flatten(1).sum(1)
         return apart / torch.where(union > 0, union, 1)
+
+
+class Dice(Energy):
+    """One minus the soft Dice coefficient of two masks.
+
+    E = 1 − 2 Σ w·a·b / (Σ w·a² + Σ w·b²) = Σ w·(a − b)² / (Σ w·a² + Σ w·b²); two empty masks agree, E = 0. Squares in
+    the denominator make it 0 for equal soft masks.
+
+    Shape: masks (N, 1, H, W) in [0, 1], weight (N, 1, H, W), energy (N,) in [0, 1]; volumes (N, 1, D, H, W) too.
+    Source: Milletari, Navab and Ahmadi, V-Net, 2016; Dice, 1945.
+
+    Raises:
+        ValueError: if the masks' shapes differ.
+
+    >>> import torch
+    >>> half, all_of_it = torch.tensor([0.0, 1.0]).view(1, 1, 1, 2), torch.ones(1, 1, 1, 2)
+    >>> Dice()(half, all_of_it)
+    tensor([0.3333])
+    """
+
+    on = "mask"
+    volumes = True
+    unit_range = True
+
+    def prepare(self, target: Any, weight: Tensor | None = None) -> Any:
+        return super().prepare(fill_background(target, weight), weight)
+
+    def compare(self, prediction: Any, prepared: Any) -> Tensor:
+        target, weight = prepared["target"], prepared.get("weight")
+        check_shape("prediction", prediction, tuple(target.shape))
+        prediction, share = fill_background(prediction, weight), normalized_weights(weight, target)
+        size = ((prediction.square() + target.square()) * share).flatten(1).sum(1)
+        apart: Tensor = ((prediction - target).square() * share).flatten(1).sum(1)
+        return apart / torch.where(size > 0, size, 1)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from kornia.metrics import ssim
+from kornia.metrics import ssim, ssim3d
 from torch import Tensor
 
 from kfit.core import Energy
 from kfit.core.check import check_count, check_shape
+from kfit.core.pictures import check_pictures
 from kfit.energies.weighting import fill_background, normalized_weights
 
 
@@ -19,15 +20,19 @@ class SSIM(Energy):
     K2 = 0.03, range 1, mirrored at the border. 0 for equal pictures, 1 for opposite ones. Where the weight is 0 both
     pictures are painted white, so that neither the pixel nor its part in a neighbour's window counts.
 
-    Shape: pictures (N, C, H, W) in [0, 1], H and W larger than half the window; weight (N, 1, H, W); energy (N,).
+    Shape: pictures (N, C, H, W) in [0, 1], H and W larger than half the window; weight (N, 1, H, W); energy (N,);
+    volumes (N, C, D, H, W) too.
     Source: Wang et al., Image quality assessment: from error visibility to structural similarity, 2004.
 
     Args:
         window_size: width of the window in pixels, odd.
 
     Raises:
-        ValueError: for an even or non-positive window, and if the pictures' shapes differ.
+        ValueError: for an even or non-positive window, pictures too small for it, and if the pictures' shapes differ.
     """
+
+    volumes = True
+    unit_range = True
 
     def __init__(self, window_size: int = 11) -> None:
         super().__init__()
@@ -36,12 +41,17 @@ class SSIM(Energy):
             raise ValueError(f"window_size must be odd and positive, got {window_size}")
         self.window_size = window_size
 
+    def check(self, target: Any, weight: Tensor | None = None) -> None:
+        super().check(target, weight)
+        check_pictures("target", target, volumes=True, least_side=self.window_size // 2 + 1)
+
     def prepare(self, target: Any, weight: Tensor | None = None) -> Any:
         return super().prepare(fill_background(target, weight), weight)
 
     def compare(self, prediction: Any, prepared: Any) -> Tensor:
         target, weight = prepared["target"], prepared.get("weight")
         check_shape("prediction", prediction, tuple(target.shape))
+        measure = ssim if target.dim() == 4 else ssim3d
         # Kornia's eps would leave equal dark pictures at an energy above 0, and nothing here divides by 0
-        similarity: Tensor = ssim(fill_background(prediction, weight), target, self.window_size, eps=0.0)
-        return ((1 - similarity) / 2 * normalized_weights(weight, target)).sum((1, 2, 3))
+        similarity: Tensor = measure(fill_background(prediction, weight), target, self.window_size, eps=0.0)
+        return ((1 - similarity) / 2 * normalized_weights(weight, target)).flatten(1).sum(1)

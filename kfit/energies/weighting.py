@@ -16,7 +16,7 @@ def normalized_weights(weight: Tensor | None, like: Tensor) -> Tensor:
 
     Args:
         weight: (N, 1, H, W), not negative, resized by area to the size of ``like``; None counts all pixels alike.
-        like: (N, C, h, w).
+        like: (N, C, h, w), or with volumes (N, C, d, h, w).
 
     Returns:
         (N, 1, h, w), or (N, 1, 1, 1) where ``weight`` is None; float32 at least.
@@ -26,20 +26,19 @@ def normalized_weights(weight: Tensor | None, like: Tensor) -> Tensor:
     """
     dtype = torch.promote_types(like.dtype, torch.float32)
     if weight is None:
-        return torch.full((like.shape[0], 1, 1, 1), 1 / like[0].numel(), dtype=dtype, device=like.device)
-    check_shape("weight", weight, (like.shape[0], 1, "H", "W"))
+        shape = (like.shape[0], *[1] * (like.dim() - 1))
+        return torch.full(shape, 1 / like[0].numel(), dtype=dtype, device=like.device)
+    check_shape("weight", weight, (like.shape[0], 1, *"DHW"[-(like.dim() - 2) :]))
     weight = weight.to(dtype)
-    if weight.shape[-2:] != like.shape[-2:]:
-        weight = F.adaptive_avg_pool2d(weight, (like.shape[-2], like.shape[-1]))
-    total = like.shape[1] * weight.sum((1, 2, 3), keepdim=True)
+    if weight.shape[2:] != like.shape[2:]:
+        pool = F.adaptive_avg_pool2d if like.dim() == 4 else F.adaptive_avg_pool3d
+        weight = pool(weight, tuple(like.shape[2:]))
+    total = like.shape[1] * weight.sum(tuple(range(1, like.dim())), keepdim=True)
     return weight / torch.where(total > 0, total, 1)
 
 
 def root_weights(weight: Tensor | None, like: Tensor) -> Tensor:
-    """Square roots of `normalized_weights`; where a share is 0 the slope is 0 too, as for weights that a generator draws.
-
-    A residual is a difference times this root.
-    """
+    """Square roots of `normalized_weights`, by which differences become residuals; at 0 their slope is 0 too."""
     share = normalized_weights(weight, like)
     counted = share > 0
     return torch.where(counted, torch.where(counted, share, 1).sqrt(), 0)

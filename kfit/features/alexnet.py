@@ -62,14 +62,12 @@ class AlexNet(FeatureNetwork):
             else:
                 self.features.append(nn.MaxPool2d(3, 2))
         num_pools = sum(name.startswith("pool") for name in _NAMES[: len(self.features)])
-        self.least = (7, 15, 31, 63)[num_pools]
+        self.least_side = (7, 15, 31, 63)[num_pools]
         fill_published(self, self.url, self.megabytes, weights)
         self.freeze()
 
     def forward(self, image: Tensor) -> dict[str, Tensor]:
         x, found = self.normalized(image), {}
-        if min(image.shape[-2:]) < self.least:
-            raise ValueError(f"image must be {self.least} pixels high and wide or more, got {tuple(image.shape[-2:])}")
         for index, module in enumerate(self.features):
             x = module(x)
             if index in self.layers:

@@ -8,14 +8,16 @@ import torch
 from torch import Tensor, nn
 
 from kfit.core.check import check_list, check_positive, check_range, check_shape
+from kfit.core.part import Part
 
 
-class FeatureNetwork(nn.Module, ABC):
+class FeatureNetwork(Part, nn.Module, ABC):
     """A fixed network whose activations energies compare: always in evaluation mode, its weights never trained.
 
     A subclass fills itself with weights and ends its constructor with ``self.freeze()``.
 
     Attributes:
+        least_side: pixels that pictures must be high and wide for the layers that are asked for.
         mixed: whether it gains by bfloat16 where a fit runs under ``torch.autocast``.
 
     Args:
@@ -23,6 +25,7 @@ class FeatureNetwork(nn.Module, ABC):
     """
 
     mixed = True
+    least_side: int = 1
 
     def __init__(
         self,
@@ -42,13 +45,16 @@ class FeatureNetwork(nn.Module, ABC):
         """Features (N, C, h, w) by layer of pictures (N, 3, H, W), RGB in [0, 1]."""
 
     def normalized(self, image: Tensor) -> Tensor:
-        """``(image − mean) / std``, as the network was trained.
+        """``(image − mean) / std``, as the network was trained, in the precision of its weights.
 
         Raises:
-            ValueError: if ``image`` is not (N, 3, H, W).
+            ValueError: if ``image`` is not (N, 3, H, W), or too small for the layers.
         """
         check_shape("image", image, ("N", 3, "H", "W"))
-        return (image - self.mean) / self.std
+        if min(image.shape[-2:]) < self.least_side:
+            size = f"{image.shape[-2]}×{image.shape[-1]}"
+            raise ValueError(f"image must be at least {self.least_side} pixels high and wide, got {size}")
+        return (image.to(self.mean.dtype) - self.mean) / self.std
 
     def freeze(self) -> None:
         """Ask for no gradients of the weights, and lay them out as convolutions on a CPU run fastest."""

@@ -36,6 +36,7 @@ class _VGG(FeatureNetwork):
                 self.features.append(nn.ReLU(inplace=known[index - 1] not in layers))
             else:
                 self.features.append(nn.MaxPool2d(2))
+        self.least_side = 2 ** sum(name.startswith("pool") for name in known[: last + 1])
         fill_published(self, self.url, self.megabytes, weights)
         self.freeze()
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, nullcontext
-from typing import Any, NamedTuple
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -22,8 +22,12 @@ from kfit.core import (
     Variables,
 )
 from kfit.core.contracts import Need
+from kfit.core.pictures import at_least_single
 from kfit.core.rows import pictures_of
+from kfit.fitting.check_parts import check_reached, check_rendering, check_term
+from kfit.fitting.drawn_rows import DrawnRows, RowInputs, joined_evaluation
 from kfit.fitting.jacobian import JacobianProducts
+from kfit.fitting.overlap import joint_weight, overlap_of, shortfall, too_little
 
 # Pixels that are drawn at once. On a CPU what a chunk of 16 pictures of 64 × 64 needs stays in the cache and is memory
 # that is used again: 120 at once take 1.7 times as long a picture, and 2 as long again as 16.
@@ -72,6 +76,8 @@ class Objective:
         self.device, self.views = observation.image.device.type, observation.views
         self.prepared: dict[str, Any] = {}
         for name, term in self.terms.items():
+            if isinstance(term, Energy):
+                term.check(observation.select(term.on), observation.weight)
             with self._precision(term):
                 self.prepared[name] = (
                     term.prepare(observation.select(term.on), observation.weight)
@@ -79,10 +85,11 @@ class Objective:
                     else term.prepare(observation.first_views())
                 )
         self.context = dict(generator.prepare(observation))
-        self._rows: tuple[Tensor, list[_Rows]] | None = None
-        height, width = observation.image.shape[-2:]
+        self._reached = False
+        self._rows: tuple[Tensor, list[RowInputs]] | None = None
+        size = observation.image[0, 0].numel()
         pixels = CHUNK_PIXELS.get(observation.image.device.type, CHUNK_PIXELS_ELSEWHERE)
-        self.chunk = max(1, pixels // (height * width * self.views))
+        self.chunk = max(1, pixels // (size * self.views))
 
     def __call__(self, raw: Variables, problem: Tensor, need: Need = "value") -> Evaluation:
         """Draw and compare.
@@ -91,8 +98,7 @@ class Objective:
             ValueError: if residuals are asked for and a term that is descended is no sum of squares.
         """
         chunks = [self._evaluate(part, rows, need) for part, rows in self._chunks(raw, problem)]
-        joined: Evaluation = _joined(chunks)
-        return joined
+        return joined_evaluation(chunks)
 
     def retract(self, raw: Variables, step: Variables) -> Variables:
         """Raw variables after a step, each in its own space."""
@@ -116,21 +122,21 @@ class Objective:
         """Descended energies (N,) of rows drawn at once, with the graph of ``raw`` and of the observation."""
         return self._descended(self._draw(raw, self._gather(problem), "value"))
 
-    def _descended(self, drawn: _Drawn) -> Tensor:
+    def _descended(self, drawn: DrawnRows) -> Tensor:
         energy = torch.stack([self.weights[name] * term for name, term in drawn.terms.items()]).sum(0)
         return energy if drawn.missing is None else energy + drawn.missing.square()
 
-    def _evaluate(self, raw: Variables, rows: _Rows, need: Need) -> Evaluation:
+    def _evaluate(self, raw: Variables, rows: RowInputs, need: Need) -> Evaluation:
         wants = need == "gradient"
         with torch.set_grad_enabled(wants):
             steps = {name: torch.zeros_like(tensor, requires_grad=wants) for name, tensor in raw.items()}
             drawn = self._draw(self.retract(raw, steps) if wants else raw, rows, need)
             energy = self._descended(drawn)
-            gradient = self._gradient(energy, steps) if wants else None
+            gradient = self._gradient(energy, steps, raw, rows) if wants else None
         ranked = [self.rank_weights.get(name, 0.0) * term.detach() for name, term in drawn.terms.items()]
         ranking = torch.stack(ranked).sum(0)
         if drawn.overlap is not None:
-            ranking = ranking.where((drawn.overlap > 0) & (drawn.overlap >= self.min_overlap), torch.inf)
+            ranking = ranking.masked_fill(too_little(drawn.overlap, self.min_overlap), torch.inf)
         return Evaluation(
             energy=energy.detach(),
             ranking=ranking,
@@ -141,14 +147,17 @@ class Objective:
             rendering=drawn.rendering.map(Tensor.detach),
         )
 
-    def _draw(self, raw: Variables, rows: _Rows, need: Need) -> _Drawn:
+    def _draw(self, raw: Variables, rows: RowInputs, need: Need) -> DrawnRows:
         """Draw rows and compare them, with a graph where gradients are enabled."""
         values = {name: self.spaces[name].to_value(tensor) for name, tensor in raw.items()}
-        rendering: Rendering = self.generator(**values, **rows.context).map(_at_least_single)
-        joint = None if rendering.weight is None else self._joint(rendering.weight, rows.picture)
+        drawn = self.generator(**values, **rows.context)
+        check_rendering(self.generator, drawn)
+        rendering: Rendering = drawn.map(at_least_single)
+        count, observed = len(rows.problem), self._rows_of(self.observation.weight, rows.picture)
+        joint = None if rendering.weight is None else joint_weight(rendering.weight, observed)
         terms: dict[str, Tensor] = {}
         # None of them, where no term is descended.
-        residuals = [rendering.image.new_zeros(len(rows.problem), 0)]
+        residuals = [rendering.image.new_zeros(count, 0)]
         for name, term in self.terms.items():
             weight = self.weights[name]
             if not weight and not self.rank_weights.get(name):
@@ -160,41 +169,28 @@ class Objective:
                     target = term.prepare(self._rows_of(self.observation.select(term.on), rows.picture), joint)
                 selected = self._values(term, values) if isinstance(term, Prior) else rendering.select(term.on)
                 given = (selected,) if target is None else (selected, target)
+                pictures = count if isinstance(term, Prior) else count * self.views
                 if need == "residuals" and weight:
                     parts = self._residuals(name, given)
+                    check_term(name, term, parts, pictures, residuals=True)
                     if isinstance(term, Energy):  # a mean over the views
-                        parts = parts.reshape(len(rows.problem), -1) / self.views**0.5
+                        parts = parts.reshape(count, self.views * parts.shape[1]) / self.views**0.5
                     residuals.append(weight**0.5 * parts)
                     terms[name] = parts.square().sum(1)
                 else:
                     found = term(*given) if isinstance(term, Prior) else term.compare(*given)
-                    terms[name] = found if isinstance(term, Prior) else found.view(-1, self.views).mean(1)
+                    check_term(name, term, found, pictures)
+                    terms[name] = found if isinstance(term, Prior) else found.view(count, self.views).mean(1)
         overlap = missing = None
         if joint is not None:
-            overlap = self._overlap(joint, rows.picture)
-            missing = self._missing(overlap)
+            # One number a row for all of its views.
+            overlap = overlap_of(
+                *(None if w is None else w.unflatten(0, (count, self.views)) for w in (joint, observed))
+            )
+            compared = [abs(self.weights[name]) for name, term in self.terms.items() if isinstance(term, Energy)]
+            missing = sum(compared) ** 0.5 * shortfall(overlap, self.min_overlap)
             residuals.append(missing[:, None])
-        return _Drawn(values, rendering, terms, residuals, overlap, missing)
-
-    def _joint(self, weight: Tensor, picture: Tensor) -> Tensor:
-        """What rendering and observation both count, (N, 1, H, W)."""
-        seen = self.observation.weight
-        return weight if seen is None else weight * self._rows_of(seen, picture)
-
-    def _overlap(self, joint: Tensor, picture: Tensor) -> Tensor:
-        """What the rendering counts of what the observation counts, (N,) in [0, 1]."""
-        seen = self.observation.weight
-        if seen is None:
-            return joint.reshape(len(picture) // self.views, -1).mean(1)
-        total, both = (t.reshape(len(picture) // self.views, -1).sum(1) for t in (self._rows_of(seen, picture), joint))
-        return both / torch.where(total > 0, total, 1)
-
-    def _missing(self, overlap: Tensor) -> Tensor:
-        """The residual (N,) of what is missing of the least overlap."""
-        if not self.min_overlap:
-            return torch.zeros_like(overlap)
-        scale = sum(abs(self.weights[name]) for name, term in self.terms.items() if isinstance(term, Energy)) ** 0.5
-        return scale * (1 - overlap / self.min_overlap).clamp_min(0)
+        return DrawnRows(values, rendering, terms, residuals, overlap, missing)
 
     def _precision(self, term: Energy | Prior) -> AbstractContextManager[Any]:
         """The precision around, for a term that can compare in it; else single."""
@@ -215,17 +211,20 @@ class Objective:
             )
         return term.residuals(*given)
 
-    @staticmethod
-    def _gradient(energy: Tensor, leaves: Variables) -> Variables:
-        if not energy.requires_grad:  # no term has a weight at this step
-            return {name: torch.zeros_like(leaf) for name, leaf in leaves.items()}
-        slopes = torch.autograd.grad(energy.sum(), list(leaves.values()), allow_unused=True)
+    def _gradient(self, energy: Tensor, steps: Variables, raw: Variables, rows: RowInputs) -> Variables:
+        slopes: tuple[Tensor | None, ...] = (None,) * len(steps)
+        if energy.requires_grad:
+            slopes = torch.autograd.grad(energy.sum(), list(steps.values()), allow_unused=True)
+        if not self._reached and len(energy):
+            missing = [name for name, slope in zip(steps, slopes, strict=True) if slope is None]
+            check_reached(self.generator, self.terms, raw, rows.context, missing)
+            self._reached = True
         return {
-            name: torch.zeros_like(leaf) if slope is None else slope
-            for (name, leaf), slope in zip(leaves.items(), slopes, strict=True)
+            name: torch.zeros_like(step) if slope is None else slope
+            for (name, step), slope in zip(steps.items(), slopes, strict=True)
         }
 
-    def _chunks(self, raw: Variables, problem: Tensor) -> Iterator[tuple[Variables, _Rows]]:
+    def _chunks(self, raw: Variables, problem: Tensor) -> Iterator[tuple[Variables, RowInputs]]:
         """Even parts of at most `chunk` rows; one part of none, where there are no rows.
 
         What belongs to their problems is gathered anew only when the rows have changed.
@@ -238,48 +237,14 @@ class Objective:
         for part, gathered in zip(parts, self._rows[1], strict=True):
             yield {name: tensor[part] for name, tensor in raw.items()}, gathered
 
-    def _gather(self, problem: Tensor) -> _Rows:
+    def _gather(self, problem: Tensor) -> RowInputs:
         picture = pictures_of(problem, self.views)
         targets = {
             name: self._rows_of(prepared, picture if isinstance(self.terms[name], Energy) else problem)
             for name, prepared in self.prepared.items()
         }
-        return _Rows(problem, picture, targets, self._rows_of(self.context, problem))
+        return RowInputs(problem, picture, targets, self._rows_of(self.context, problem))
 
     @staticmethod
     def _rows_of(targets: Any, problem: Tensor) -> Any:
         return pytree.tree_map_only(Tensor, lambda tensor: tensor.index_select(0, problem), targets)
-
-
-class _Rows(NamedTuple):
-    """What belongs to the problems of some rows: numbers of pictures, features of targets, the context."""
-
-    problem: Tensor
-    picture: Tensor
-    targets: dict[str, Any]
-    context: dict[str, Tensor]
-
-
-class _Drawn(NamedTuple):
-    """Rows as drawn and compared; of what a generator does not vouch for, the overlap and what is missing of it."""
-
-    values: Variables
-    rendering: Rendering
-    terms: dict[str, Tensor]
-    residuals: list[Tensor]
-    overlap: Tensor | None
-    missing: Tensor | None
-
-
-def _at_least_single(tensor: Tensor) -> Tensor:
-    return tensor.to(torch.promote_types(tensor.dtype, torch.float32))
-
-
-def _joined(chunks: list[Any]) -> Any:
-    """One evaluation of all rows: what the chunks hold, tensor by tensor."""
-    first = chunks[0]
-    if isinstance(first, Tensor):
-        return torch.cat(chunks)
-    if isinstance(first, dict):
-        return {name: _joined([chunk[name] for chunk in chunks]) for name in first}
-    return None if first is None else type(first)(**_joined([vars(chunk) for chunk in chunks]))

@@ -27,11 +27,13 @@ from kfit.core import (
     Variables,
     frozen,
 )
-from kfit.core.check import check_count, check_dict, check_names, check_range
+from kfit.core.check import check_count, check_range
 from kfit.core.rows import best_first, broadcast_rows, finite
 from kfit.core.seeds import mixed_seed
 from kfit.features import FeatureNetwork
+from kfit.fitting.check_parts import check_memory, check_observation, check_parts, check_state, check_weights
 from kfit.fitting.objective import Objective
+from kfit.fitting.recipe import recipe_text
 from kfit.fitting.recorder import Recorder
 from kfit.fitting.starts import initialize
 from kfit.runtime.devices import compile_networks
@@ -99,16 +101,8 @@ class FitPipeline(nn.Module):
         if not isinstance(history, bool):
             check_count("history", history)
         check_range("min_overlap", min_overlap, 0, 1)
-        if not energies:
-            raise ValueError("energies must name at least one energy, got none")
-        for name, given, check in (("weights", weights, _check_weight), ("rank_weights", rank_weights, check_range)):
-            if given is not None:
-                check_dict(name, given, check)
-                check_names(name, given, energies)
-        for name, energy in energies.items():
-            if isinstance(energy, Prior):
-                on = [energy.on] if isinstance(energy.on, str) else energy.on
-                check_names(f"energies.{name}.on", on, generator.variables)
+        check_parts(generator, energies, initializers, optimizer, selector, callbacks)
+        check_weights(energies, weights, rank_weights)
         self.generator = frozen(generator)
         self.energies = frozen(nn.ModuleDict(energies))
         self.initializers = list(initializers)
@@ -120,26 +114,29 @@ class FitPipeline(nn.Module):
         self.num_starts, self.num_steps, self.min_overlap = num_starts, num_steps, min_overlap
         self.history = int(history)
         self.num_candidates = num_starts if num_candidates is None else num_candidates
-        self._check_initializers(generator)
         if not any((rank_weights or self.weights_at(num_steps)).values()):
             raise ValueError("rank_weights must hold a number other than 0, or no start is better than another")
         # Initializers are no modules: what networks they hold are registered, so that `to` moves these too.
         held = [value for initializer in self.initializers for value in vars(initializer).values()]
         self.networks = nn.ModuleList(value for value in held if isinstance(value, nn.Module))
         self.eval()
-        zeros = {name: torch.zeros(1, *v.raw_shape) for name, v in generator.variables.items()}
-        optimizer.init(zeros, torch.zeros(1, dtype=torch.long))
-
-    def _check_initializers(self, generator: Generator) -> None:
-        named = [name for initializer in self.initializers for name in initializer.on]
-        check_names("initializers", named, generator.variables, complete=True)
-        twice = sorted({name for name in named if named.count(name) > 1})
-        if twice:
-            raise ValueError(f"initializers: {', '.join(twice)} set by two initializers; each variable needs one")
+        zeros = {name: torch.zeros(2, *v.raw_shape) for name, v in generator.variables.items()}
+        check_memory(optimizer, optimizer.init(zeros, torch.zeros(2, dtype=torch.long)), 2)
 
     def train(self, mode: bool = True) -> FitPipeline:
         """Stays in evaluation mode, also as a part of a module in training: its networks are frozen."""
         return super().train(False)
+
+    def to_yaml(self) -> str:
+        """The recipe that ``kfit pose --fit`` and `kfit.pose.fit_of` read, as YAML; the generator is the model's.
+
+        A fit that is read from it gives the same numbers, bit by bit. Only what differs from the defaults is written.
+
+        Raises:
+            ValueError: naming a part that text cannot hold, such as one built from a network, or of a class that
+                cannot be imported.
+        """
+        return recipe_text(self)
 
     def compile(self, **kwargs: Any) -> None:  # type: ignore[override]
         """Have the generator and the energies' feature networks compiled (`torch.compile`) when they are first used.
@@ -174,6 +171,7 @@ class FitPipeline(nn.Module):
             ValueError: for an observation without pictures or without a field that an energy compares.
             FitError: if every start of every problem became NaN or infinite.
         """
+        check_observation(observation)
         if seed is not None:
             check_count("seed", seed, 0)
         # A fit inside `trainer.predict` finds inference mode on, under which no gradient can be asked for.
@@ -205,6 +203,7 @@ class FitPipeline(nn.Module):
             objective.weights = self.weights_at(step)
             if step < self.num_steps:
                 new, seen, memory = self.optimizer.step(objective, state.raw, state.problem, state.optimizer)
+                check_memory(self.optimizer, memory, len(state.problem))
             else:  # the last iterate is only looked at
                 new, seen, memory = state.raw, objective(state.raw, state.problem), state.optimizer
             state = self._advance(state, step, new, seen, memory)
@@ -212,6 +211,7 @@ class FitPipeline(nn.Module):
             state = recorder.drop(state)
             for callback in self.callbacks:
                 state = callback.on_step(state)
+                check_state(callback, state)
             if len(state.problem) == 0:
                 break
         result = recorder.result(state, self.selector, objective.num_evaluations)
@@ -258,8 +258,3 @@ class FitPipeline(nn.Module):
             best_values=best,
             optimizer=memory,
         )
-
-
-def _check_weight(name: str, weight: Any) -> None:
-    if not isinstance(weight, Schedule):
-        check_range(name, weight)

@@ -9,6 +9,7 @@ from kfit.core.check import FitError
 from kfit.core.contracts import Selector
 from kfit.core.result import FitResult, History
 from kfit.core.state import FitState
+from kfit.fitting.check_parts import check_winner
 
 
 class Recorder:
@@ -56,6 +57,7 @@ class Recorder:
         values = {name: torch.cat([part.best_values[name] for part in parts])[order] for name in state.best_values}
         alive, compact = problem.unique(return_inverse=True)
         winner = selector(energy, values, compact)
+        check_winner(selector, winner, compact)
 
         def scatter(rows: Tensor, fill: float) -> Tensor:
             whole = rows.new_full((self.num_problems, *rows.shape[1:]), fill)

@@ -62,7 +62,7 @@ class TorchOptimizer(Optimizer):
             raise TypeError(f"TorchOptimizer: schedule must be a kfit.core.Schedule, got {type(schedule).__name__}")
         check_count("TorchOptimizer: num_steps", num_steps)
         self.optimizer, self.lr, self.schedule, self.num_steps = optimizer, lr, schedule, num_steps
-        self.settings = dict(settings or {})
+        self.options = dict(settings or {})
 
     def init(self, raw: Variables, seeds: Tensor) -> Any:
         if isinstance(self.lr, dict):
@@ -88,7 +88,7 @@ class TorchOptimizer(Optimizer):
         if not len(memory["count"]):
             return {name: torch.zeros_like(tensor) for name, tensor in raw.items()}, memory
         groups = [{"params": rows[name], "lr": lr[name] * factor} for name in raw]
-        optimizer = self.optimizer(groups, **self.settings)
+        optimizer = self.optimizer(groups, **self.options)
         for name in raw:
             for number, (row, slope) in enumerate(zip(rows[name], gradient[name].unbind(), strict=True)):
                 row.grad = slope.to(row)

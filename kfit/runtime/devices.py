@@ -35,7 +35,13 @@ def device_of(name: str) -> torch.device:
 
 
 def precision(name: str, device: str | torch.device) -> AbstractContextManager[Any]:
-    """Within it fits compute in single precision ("32"), or draw and compare by bfloat16 convolutions ("bf16")."""
+    """Within it fits compute in single precision ("32"), or draw and compare by bfloat16 convolutions ("bf16").
+
+    Raises:
+        ValueError: for another name.
+    """
+    if name not in ("32", "bf16"):
+        raise ValueError(f"precision must be '32' or 'bf16', got {name!r}")
     return torch.autocast(torch.device(device).type, torch.bfloat16, enabled=name == "bf16")
 
 

@@ -118,7 +118,7 @@ def test_a_recipe_names_its_backbone(torchvisions):
 def test_another_backbone_a_small_picture_and_missing_heads_are_refused(torchvisions, monkeypatch):
     with pytest.raises(ValueError, match="backbone must be 'alex' or 'vgg', got 'squeeze'"):
         LPIPS("squeeze")
-    with pytest.raises(ValueError, match=r"image must be 31 pixels high and wide or more, got \(30, 64\)"):
+    with pytest.raises(ValueError, match=r"image must be at least 31 pixels high and wide, got 30×64"):
         LPIPS("alex", torchvisions["alex"][1]).prepare(torch.rand(1, 3, 30, 64))
     monkeypatch.setattr("kfit.energies.lpips.find_spec", lambda name: None)
     with pytest.raises(ImportError, match="pip install torchmetrics"):
@@ -150,3 +150,14 @@ def test_on_the_real_vgg16_it_is_the_value_in_torchmetrics_documentation():
         nn.Conv2d(width, 1, 1, bias=False)
     x, y = (torch.rand(10, 3, 100, 100) for _ in range(2))
     assert energy(x, y).mean().item() == pytest.approx(0.3493, abs=1e-4)
+
+
+@pytest.mark.parametrize("backbone", ["alex", "vgg"])
+def test_pictures_in_double_precision_and_small_ones_get_an_answer_or_a_sentence(backbone, torchvisions):
+    energy = LPIPS(backbone, torchvisions[backbone][1])
+    x, y = pictures()
+    torch.testing.assert_close(energy(x.double(), y.double()), energy(x, y), check_dtype=False)
+    least = {"alex": 31, "vgg": 16}[backbone]
+    assert energy(*pictures(least)).isfinite().all()
+    with pytest.raises(ValueError, match=f"image must be at least {least} pixels high and wide, got 8×8"):
+        energy(*pictures(8))

@@ -94,3 +94,13 @@ def test_a_window_that_has_no_middle_is_refused():
 def test_a_move_by_two_pixels_costs_less_than_at_the_finest_scale_alone():
     x, changed = photos(64)
     assert MSSSIM()(changed[2:], x) < MSSSIM(num_scales=1)(changed[2:], x)
+
+
+def test_a_training_under_autocast_gets_the_numbers_of_single_precision():
+    x = torch.from_numpy(astronaut()[:64, :64]).permute(2, 0, 1)[None].float() / 255
+    y = (x + 0.01 * torch.rand(x.shape, generator=torch.Generator().manual_seed(0))).clamp(0, 1)
+    expected = MSSSIM()(x, y)
+    with torch.autocast("cpu", torch.bfloat16):
+        found = MSSSIM()(x, y)
+    assert found > 0
+    torch.testing.assert_close(found, expected, rtol=0, atol=0)

@@ -1,3 +1,4 @@
+import kornia
 import pytest
 import torch
 from skimage.data import camera
@@ -61,3 +62,13 @@ def test_pictures_of_one_colour_agree_and_tell_nothing_of_others():
 def test_fewer_than_two_bins_are_refused():
     with pytest.raises(ValueError, match="num_bins must lie between 2 and 1024"):
         MutualInformation(1)
+
+
+def test_it_is_kornias_normalized_loss_for_pictures_that_fill_the_range():
+    rng = torch.Generator().manual_seed(0)
+    x, y = torch.rand(2, 2, 1, 20, 20, generator=rng, dtype=torch.float64)
+    y = 0.5 * x + 0.5 * y
+    for picture in (x, y):  # Kornia stretches each to its own range
+        picture[..., 0, 0], picture[..., 0, 1] = 0, 1
+    expected = 2 + kornia.losses.normalized_mutual_information_loss_2d(x, y, num_bins=16).mean(1)
+    torch.testing.assert_close(MutualInformation(16)(x, y), expected, rtol=1e-6, atol=1e-6)

@@ -111,3 +111,10 @@ def test_a_recipe_builds_energies_with_their_networks():
 def test_a_picture_that_is_not_rgb_is_refused():
     with pytest.raises(ValueError, match=r"image must have shape \(N, 3, H, W\)"):
         Perceptual(Two()).prepare(torch.rand(1, 4, 8, 8))
+
+
+def test_a_network_in_single_precision_compares_pictures_in_double():
+    torch.manual_seed(0)
+    energy = Perceptual(nn.Conv2d(3, 4, 3))
+    x, y = torch.rand(2, 2, 3, 8, 8)
+    torch.testing.assert_close(energy(x.double(), y.double()), energy(x, y))

@@ -38,3 +38,12 @@ def test_a_weight_averages_the_map_over_the_pixels_that_count():
 def test_a_window_that_has_no_middle_is_refused(window_size):
     with pytest.raises(ValueError, match=r"window_size must be (odd and positive|at least 1)"):
         SSIM(window_size)
+
+
+def test_pictures_and_volumes_smaller_than_half_the_window_are_refused_in_a_sentence():
+    x = torch.rand(1, 3, 6, 6)
+    assert SSIM()(x, x) == 0
+    with pytest.raises(ValueError, match=r"target must be at least 6 pixels along each side, got \(5, 5\)"):
+        SSIM()(x[..., :5, :5], x[..., :5, :5])
+    with pytest.raises(ValueError, match=r"target must be at least 6 pixels along each side, got \(2, 6, 6\)"):
+        SSIM()(x[:, :, None].expand(-1, -1, 2, -1, -1), x[:, :, None].expand(-1, -1, 2, -1, -1))

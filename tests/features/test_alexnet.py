@@ -54,7 +54,7 @@ def test_it_ends_at_the_last_layer_asked_for_and_names_parameters_as_torchvision
 def test_a_picture_that_is_too_small_for_a_layer_is_refused_with_the_least_size(weights, layer, least):
     made = AlexNet([layer], weights)
     assert min(made(torch.rand(1, 3, least, least))[layer].shape) > 0
-    with pytest.raises(ValueError, match=f"image must be {least} pixels high and wide or more"):
+    with pytest.raises(ValueError, match=f"image must be at least {least} pixels high and wide, got"):
         made(torch.rand(1, 3, least, least - 1))
 
 

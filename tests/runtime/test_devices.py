@@ -58,3 +58,9 @@ def test_a_compiled_fit_ends_where_an_uncompiled_one_does(mug):
     plain, compiled = (model.pipeline(num_starts=2, num_steps=2, callbacks=()) for _ in range(2))
     compiled.compile()
     torch.testing.assert_close(compiled(seen, seed=0).energy, plain(seen, seed=0).energy, rtol=1e-3, atol=1e-3)
+
+
+@pytest.mark.parametrize("name", ["fp16", "16-mixed", ""])
+def test_a_precision_without_an_implementation_is_refused(name):
+    with pytest.raises(ValueError, match=f"precision must be '32' or 'bf16', got '{name}'"):
+        precision(name, "cpu")

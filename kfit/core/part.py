@@ -1,0 +1,86 @@
+"""Parts that know what they were built with, so that they can be shown and written down."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from pathlib import PurePath
+from typing import Any
+
+from torch import nn
+
+
+class Part:
+    """What a fit is composed of: remembers the arguments of its constructor, of its own class and of no base.
+
+    A subclass has nothing to do for it.
+
+    Attributes:
+        settings: arguments that differ from their defaults, by name. Networks, tensors and other values that cannot be written down
+            are represented by an `Unwritable`, so that nothing large is kept.
+    """
+
+    settings: Mapping[str, Any] = {}
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        if "__init__" in vars(cls):
+            cls.__init__ = _remembering(cls.__init__)  # type: ignore[method-assign]
+
+    def __repr__(self) -> str:
+        return (
+            nn.Module.__repr__(self) if isinstance(self, nn.Module) else f"{type(self).__name__}({self.extra_repr()})"
+        )
+
+    def extra_repr(self) -> str:
+        """All settings, as in the call of the constructor; a module shows those that are modules by itself."""
+        parameters = inspect.signature(type(self)).parameters.values()
+        known = {p.name: self.settings.get(p.name, p.default) for p in parameters if p.kind is not p.VAR_KEYWORD}
+        shown = {name: value for name, value in known.items() if not isinstance(value, nn.Module)}
+        return ", ".join(f"{name}={value!r}" for name, value in shown.items() if value is not inspect.Parameter.empty)
+
+
+class Unwritable:
+    """Stands for an argument that text cannot hold, such as a network.
+
+    Args:
+        kind: what came.
+    """
+
+    def __init__(self, kind: type) -> None:
+        self.kind = kind
+
+    def __repr__(self) -> str:
+        return f"<{self.kind.__name__}>"
+
+
+def _remembering(init: Callable[..., None]) -> Callable[..., None]:
+    @functools.wraps(init)
+    def remembering(self: Any, *args: Any, **kwargs: Any) -> None:
+        if "settings" not in vars(self):  # a base's constructor, called by the subclass's, finds them there
+            with suppress(TypeError):  # for wrong arguments, which the constructor refuses itself
+                signature = inspect.signature(init)
+                given = {k: _written(v) for k, v in signature.bind(self, *args, **kwargs).arguments.items()}
+                del given[next(iter(given))]
+                defaults = {name: _written(parameter.default) for name, parameter in signature.parameters.items()}
+                vars(self)["settings"] = {name: value for name, value in given.items() if value != defaults[name]}
+        init(self, *args, **kwargs)
+
+    return remembering
+
+
+def _written(value: Any) -> Any:
+    """The value in the types of YAML; parts as they are."""
+    if value is None or isinstance(value, bool | int | str | Part):
+        return value
+    if isinstance(value, float):
+        return float(value)  # NumPy's too
+    if isinstance(value, PurePath):
+        return str(value)
+    if isinstance(value, Mapping):
+        return {key: _written(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_written(item) for item in value]
+    return Unwritable(type(value))

@@ -1,0 +1,74 @@
+"""A fit written down in YAML, as recipes name its parts."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Mapping
+from importlib import import_module
+from typing import Any
+
+from torch import nn
+
+from kfit.core import Initializer
+from kfit.core.part import Part, Unwritable
+from kfit.initializers import EncoderPosterior
+from kfit.selectors import LowestEnergy
+
+
+def recipe_text(pipeline: nn.Module) -> str:
+    """YAML of a `kfit.FitPipeline` but its generator, where it differs from the defaults; see its ``to_yaml``.
+
+    An `EncoderPosterior` of a code, as it is by default, is left out: where no initializer sets the code, whoever reads
+    a recipe for a model takes its encoder's.
+    """
+    import yaml  # type: ignore[import-untyped]
+
+    parameters = inspect.signature(type(pipeline)).parameters.values()
+    settings = {p.name: getattr(pipeline, p.name) for p in parameters if p.name != "generator"}
+    settings["energies"] = dict(settings["energies"].items())
+    settings["initializers"] = [one for one in settings["initializers"] if not _of_model(one)]
+    defaults = {p.name: p.default for p in parameters}
+    defaults |= {"callbacks": [], "num_candidates": settings["num_starts"]}
+    defaults |= {"weights": dict.fromkeys(settings["energies"], 1.0)}
+    if type(settings["selector"]) is LowestEnergy:
+        defaults["selector"] = settings["selector"]
+    written = {n: recipe_of(n, part) for n, part in settings.items() if part is not defaults[n] and part != defaults[n]}
+    text: str = yaml.safe_dump(written, sort_keys=False, allow_unicode=True)
+    return text
+
+
+def _of_model(initializer: Initializer) -> bool:
+    return type(initializer) is EncoderPosterior and initializer.on == ("code",) and initializer.spread == 1
+
+
+def recipe_of(name: str, value: Any) -> Any:
+    """A part as ``{class_path, init_args}``, in which parts stand for themselves again; what is plain as it is.
+
+    Args:
+        name: of the argument, for the errors.
+        value: a part, or what parts are built from.
+
+    Raises:
+        ValueError: for what text cannot hold, such as a network, and for classes that no import path finds.
+    """
+    if isinstance(value, Part):
+        kind = type(value)
+        if kind.__module__ == "__main__" or "<locals>" in kind.__qualname__:
+            raise ValueError(f"{name}: {kind.__qualname__} can be imported from nowhere: move it to a file of its own")
+        settings = {key: recipe_of(f"{name}.{key}", item) for key, item in value.settings.items()}
+        path = f"{_home(kind)}.{kind.__qualname__}"
+        return {"class_path": path, "init_args": settings} if settings else {"class_path": path}
+    if isinstance(value, Mapping):
+        return {key: recipe_of(f"{name}.{key}", item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [recipe_of(f"{name}[{number}]", item) for number, item in enumerate(value)]
+    if isinstance(value, Unwritable):
+        raise ValueError(f"{name}: a recipe cannot hold {value.kind.__name__}, only text, numbers and parts")
+    return value
+
+
+def _home(kind: type) -> str:
+    """The package that offers the class, as ``kfit.energies``, else its module."""
+    package = kind.__module__.rpartition(".")[0]
+    offered = package and getattr(import_module(package), kind.__name__, None) is kind
+    return package if offered else kind.__module__
