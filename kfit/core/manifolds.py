@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 import torch
 from torch import Tensor
@@ -28,6 +29,8 @@ class SO3(Space):
         >>> space.to_raw(quarter).round(decimals=3).tolist()
         [0.0, 0.0, 0.5]
     """
+
+    radians: ClassVar[float] = math.pi
 
     def to_value(self, raw: Tensor) -> Tensor:
         w, x, y, z = _quaternion(raw).unbind(-1)

@@ -101,8 +101,9 @@ class Observation(_Fields):
         """The first picture of each problem alone."""
         if self.views == 1:
             return self
-        first: Observation = replace(self.map(lambda tensor: tensor[:: self.views]), views=1)
-        return first
+        held = {f.name: getattr(self, f.name) for f in fields(self)}
+        first = {name: value[:: self.views] for name, value in held.items() if isinstance(value, Tensor)}
+        return replace(self, **first, views=1)  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True)

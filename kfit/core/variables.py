@@ -9,6 +9,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import torch
 from torch import Tensor
@@ -24,7 +25,13 @@ class Space(ABC):
     The optimizer holds *raw* numbers and adds steps to them by `retract`; the generator sees *values*. In flat spaces
     a step is added number by number; curved ones (`kfit.core.SO3`, `kfit.core.UnitVector`) take it in the tangent
     space at the raw numbers, so that no direction is preferred and no place is singular.
+
+    Attributes:
+        radians: what a raw number stands for in the values' unit, where that is the same everywhere: π where raw numbers
+            are half-turns, else 1.
     """
+
+    radians: ClassVar[float] = 1.0
 
     @abstractmethod
     def to_value(self, raw: Tensor) -> Tensor:
@@ -101,6 +108,8 @@ class Bounded(Space):
 @dataclass(frozen=True)
 class Angle(Space):
     """Angles: walked in half-turns, seen in radians, value = π · raw. Neither side is wrapped, so paths stay smooth."""
+
+    radians: ClassVar[float] = math.pi
 
     def to_value(self, raw: Tensor) -> Tensor:
         return raw * math.pi
