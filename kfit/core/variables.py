@@ -27,7 +27,7 @@ class Space(ABC):
     space at the raw numbers, so that no direction is preferred and no place is singular.
 
     Attributes:
-        radians: what a raw number stands for in the values' unit, where that is the same everywhere: π where raw numbers
+        radians: what a step of 1 stands for in the values' unit, where it is the same everywhere: π where raw numbers
             are half-turns, else 1.
     """
 

@@ -18,7 +18,7 @@ STILL = {
     "homography": {"corners": [[0.0, 0.0]] * 4},
 }
 MOVED = {
-    "translation": {"shift": [0.2, -0.1]},
+    "translation": {"shift": [0.21, -0.13]},
     "euclidean": {"roll": 0.3, "shift": [0.2, -0.1]},
     "similarity": {"roll": 0.3, "shift": [0.2, -0.1], "scale": 0.8},
     "affine": {"roll": -0.2, "shift": [0.1, 0.1], "scale": 1.1, "stretch": 1.2, "shear": 0.15},
