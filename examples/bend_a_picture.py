@@ -24,7 +24,7 @@ phase = torch.linspace(0, 6, 12)
 wave = torch.stack([phase.sin()[:, None].expand(12, 12), phase.cos()[None].expand(12, 12)])[None]
 bent = Template(photo, "flow", control=(12, 12), oversampling=4)(displacement=0.06 * wave)
 
-found = kfit.register(photo, bent.image, "flow", fixed_mask=bent.weight, control=(9, 9), smoothness=0.01)
+found = kfit.register(photo, bent.image, "flow", fixed_mask=bent.weight, control=(9, 9))
 
 truth = Template(photo, "flow", control=(12, 12)).places(displacement=0.06 * wave)
 inside = (bent.weight[0, 0] > 0.99) & (found.weight[0, 0] > 0.99)

@@ -43,11 +43,10 @@ pipeline = kfit.FitPipeline(
 )
 result = pipeline(Observation(image), seed=0)
 
-drawn = generator(**result.values).image
+with torch.no_grad():
+    drawn = generator(**result.values).image
+    mean = generator(**result.values | {"code": 0 * result.values["code"]}).image
 error = float((drawn - image).abs().mean())
-mean = generator(
-    **{name: 0 * value for name, value in result.values.items()} | {"elevation": torch.tensor([0.5])}
-).image
 print(f"mean difference {float((mean - image).abs().mean()):.3f} for the mean code, {error:.3f} for the code found")
 
 path = Path(sys.argv[1] if len(sys.argv) > 1 else "kfit_out") / "invert_a_generator.png"

@@ -106,10 +106,10 @@ class MeshInCamera(Generator):
         drawn = self.surface.splat(
             (column / z).where(before, -1e4),
             (row / z).where(before, -1e4),
-            depth - translation[:, 2:].detach(),
+            depth - translation[:, 2:],
             area.where(before, 0.0),
             self.image_size,
             DEPTH_SOFTNESS * self.diagonal,
         )
         assert drawn.depth is not None  # splats have one
-        return Rendering(drawn.image, drawn.mask, drawn.depth + translation[:, 2].detach().view(-1, 1, 1, 1))
+        return Rendering(drawn.image, drawn.mask, drawn.depth + translation[:, 2].view(-1, 1, 1, 1))

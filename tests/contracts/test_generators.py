@@ -161,7 +161,7 @@ class TestAGenerator:
             slopes = torch.autograd.grad(picture.square().sum(), list(seen.values()), retain_graph=True)
             for variable, slope in zip(seen, slopes, strict=True):
                 assert bool(slope.isfinite().all()), (name, variable)
-                assert bool((slope.view(3, -1).abs().sum(1) > 0).all()), (name, variable)
+                assert bool((slope.reshape(3, -1).abs().sum(1) > 0).all()), (name, variable)
 
     def test_gradients_are_those_of_finite_differences(self, kind):
         generator = BUILD[kind][0]().double()
