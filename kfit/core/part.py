@@ -18,8 +18,8 @@ class Part:
     A subclass has nothing to do for it.
 
     Attributes:
-        settings: arguments that differ from their defaults, by name. Networks, tensors and other values that cannot be written down
-            are represented by an `Unwritable`, so that nothing large is kept.
+        settings: arguments that differ from their defaults, by name. Networks, tensors and other values that cannot be
+            written down are represented by an `Unwritable`, so that nothing large is kept.
     """
 
     settings: Mapping[str, Any] = {}

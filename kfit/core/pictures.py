@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from typing import Any, Literal
 
@@ -70,7 +69,7 @@ def _check_weight(weight: Any, pictures: Any) -> None:
         raise TypeError(f"weight must be a tensor of shape {wanted}, got {type(weight).__name__}")
     if tuple(weight.shape) != wanted:
         raise ValueError(f"weight must have shape {wanted}, got {tuple(weight.shape)}")
-    if _known(lambda: not bool((weight >= 0).all())):
+    if _known_false((weight >= 0).all()):
         raise ValueError(f"weight must be at least 0 everywhere, got {float(weight.min()):g}")
 
 
@@ -79,7 +78,7 @@ def _check_unit_range(pictures: Any, weight: Tensor | None) -> None:
     for picture in pytree.tree_leaves(pictures):
         counted = picture if weight is None else torch.where(weight > 0, picture, 0.5)
         low, high = torch.aminmax(counted.detach().nan_to_num(0.5, 0.5, 0.5))
-        if _known(lambda low=low, high=high: not bool((low >= -OVERSHOOT) & (high <= 1 + OVERSHOOT))):
+        if _known_false((low >= -OVERSHOOT) & (high <= 1 + OVERSHOOT)):
             cure = ": divide it by 255" if float(high) > 2 else ""
             raise ValueError(f"target must lie in [0, 1], got {float(low):.3g} to {float(high):.3g}{cure}")
 
@@ -107,11 +106,11 @@ def reduced(energies: Tensor, reduction: Reduction) -> Tensor:
     return energies if reduction == "none" else getattr(energies, reduction)()
 
 
-def _known(holds: Callable[[], bool]) -> bool:
-    """Whether it holds; False where numbers cannot be read, as when compiled or under `torch.vmap`."""
+def _known_false(condition: Tensor) -> bool:
+    """Whether it is False; never where numbers cannot be read, as when compiled or under `torch.vmap`."""
     if torch.compiler.is_compiling():
         return False
     try:
-        return holds()
+        return not bool(condition)
     except RuntimeError:
         return False

@@ -6,9 +6,9 @@ Each takes what its class compares, then the class's settings by name, and gives
 >>> from kfit.energies import functional
 >>> x, y = torch.zeros(2, 3, 16, 16), torch.ones(2, 3, 16, 16)
 >>> functional.ssim(x, y, window_size=7, reduction="mean")
-tensor(0.5000)
+tensor(0.4999)
 >>> functional.code_prior(torch.tensor([[1.0, 3.0]]))
-tensor([5.])
+tensor([5.0000])
 
 A class whose construction is costly, as `kfit.energies.LPIPS` and those on networks, is better built once and called.
 """
@@ -70,25 +70,26 @@ def _compared(name: str, kind: type[Energy]) -> Compared:
         found: Tensor = energy(prediction, target, weight, reduction=reduction)
         return found
 
-    return _documented(name, function, kind)
+    _document(name, function, kind)
+    return function
 
 
 def _of_values(name: str, kind: type[Prior]) -> Callable[..., Tensor]:
     def function(value: Tensor, *, reduction: Reduction = "none", **settings: Any) -> Tensor:
         return reduced(kind(on="value", **settings)(value), reduction)
 
-    return _documented(name, function, kind)
+    _document(name, function, kind)
+    return function
 
 
-def _documented(name: str, function: Any, kind: type) -> Any:
-    """The function with the signature and the text of its class."""
+def _document(name: str, function: Any, kind: type) -> None:
+    """Give a function its name, and the signature and the text of its class."""
     own = [p for p in inspect.signature(function).parameters.values() if p.kind is not p.VAR_KEYWORD]
     settings = [p for p in inspect.signature(kind).parameters.values() if p.name != "on"]
     own += [p.replace(kind=p.KEYWORD_ONLY) for p in settings]
     function.__signature__ = inspect.Signature(own, return_annotation="Tensor")
     function.__name__ = function.__qualname__ = name
     function.__doc__ = inspect.getdoc(kind)
-    return function
 
 
 l1 = _compared("l1", L1)

@@ -24,8 +24,9 @@ class MutualInformation(Energy):
     Shape: pictures (N, C, H, W) in [0, 1], weight (N, 1, H, W), energy (N,) in [0, 1]; volumes
     (N, C, D, H, W) too.
     Source: Studholme, Hill and Hawkes, An overlap invariant entropy measure of 3D medical image alignment, 1999, whose
-    measure is 2 − E; Kornia's ``normalized_mutual_information_loss`` plus 2 for pictures that fill [0, 1], which has no
-    weight a row and stretches each picture to its own range; soft histograms as Mattes et al., 2003, with the kernel of Xu et al., 2008, eq. 22.
+    measure is 2 − E; soft histograms as Mattes et al., 2003, with Kornia's kernel of Xu et al., 2008, eq. 22. For
+    pictures that fill [0, 1] it is Kornia's ``normalized_mutual_information_loss`` plus 2; that takes no weights, and
+    stretches each picture to its own range.
 
     Args:
         num_bins: bins of the histogram along each side; their centres lie at 0, 1 / (num_bins − 1), …, 1.

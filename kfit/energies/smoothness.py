@@ -96,7 +96,7 @@ def _inside(field: Tensor, skip: int | tuple[int, ...]) -> Tensor:
     return field
 
 
-def _checked(name: str, field: Any, least_side: int) -> Tensor:
-    check_pictures(name, field, volumes=True, least_side=least_side)
+def _checked(name: Any, field: Any, least_side: int) -> Tensor:
+    check_pictures(str(name), field, volumes=True, least_side=least_side)
     checked: Tensor = at_least_single(field)
     return checked

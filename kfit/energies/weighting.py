@@ -31,8 +31,7 @@ def normalized_weights(weight: Tensor | None, like: Tensor) -> Tensor:
     check_shape("weight", weight, (like.shape[0], 1, *"DHW"[-(like.dim() - 2) :]))
     weight = weight.to(dtype)
     if weight.shape[2:] != like.shape[2:]:
-        pool = F.adaptive_avg_pool2d if like.dim() == 4 else F.adaptive_avg_pool3d
-        weight = pool(weight, tuple(like.shape[2:]))
+        weight = F.interpolate(weight, list(like.shape[2:]), mode="area")
     total = like.shape[1] * weight.sum(tuple(range(1, like.dim())), keepdim=True)
     return weight / torch.where(total > 0, total, 1)
 

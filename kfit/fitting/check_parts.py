@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import torch
@@ -50,7 +50,7 @@ def check_parts(
     _check_names(generator, energies, initializers)
 
 
-def _check_names(generator: Generator, energies: Mapping[str, Any], initializers: Iterable[Initializer]) -> None:
+def _check_names(generator: Generator, energies: Mapping[str, Any], initializers: Sequence[Initializer]) -> None:
     """Refuse priors on unknown variables, and variables that no or two initializers set."""
     for name, term in energies.items():
         if isinstance(term, Prior):
@@ -218,7 +218,7 @@ def _check_list(name: str, values: Any, kind: type) -> None:
     if isinstance(values, kind):
         came = type(values).__name__
         raise TypeError(f"{name} must be a list of kfit.core.{kind.__name__}, got {came}: [{came}(…)]")
-    if not isinstance(values, Iterable) or isinstance(values, str | Mapping):
+    if not isinstance(values, Sequence) or isinstance(values, str):
         raise TypeError(f"{name} must be a list of kfit.core.{kind.__name__}, got {type(values).__name__}")
     for number, value in enumerate(values):
         check_kind(f"{name}[{number}]", value, kind)

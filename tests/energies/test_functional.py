@@ -13,7 +13,9 @@ from kfit.core import Energy, Prior
 from kfit.energies import L1, SSIM, BendingEnergy, Pyramid, functional
 from kfit.energies.mean_energy import MeanEnergy
 
-FORMS = {name: form for name, form in vars(functional).items() if inspect.isfunction(form) and name[0] != "_"}
+FORMS = {
+    name: form for name, form in vars(functional).items() if inspect.isfunction(form) and hasattr(form, "__signature__")
+}
 
 
 def pictures(rows=3):

@@ -1,6 +1,6 @@
 import pytest
 import torch
-from skimage.transform import downscale_local_mean
+from kornia.geometry.transform import build_pyramid, pyrdown
 from torch import nn
 
 from kfit.core import Energy
@@ -12,23 +12,26 @@ def pictures(channels=3, size=16):
     return list(torch.rand(2, 2, channels, size, size, generator=rng, dtype=torch.float64))
 
 
-def test_it_is_the_mean_over_scikit_images_halved_pictures():
+def test_it_is_the_mean_over_the_levels_of_kornias_pyramid():
     x, y = pictures()
-    expected = 0
-    for by in (1, 2, 4):
-        halved = [torch.from_numpy(downscale_local_mean(p.numpy(), (1, 1, by, by))) for p in (x, y)]
-        expected = expected + L2()(*halved) / 3
-    torch.testing.assert_close(Pyramid(L2(), 3)(x, y), expected)
+    levels = zip(*(build_pyramid(picture, 3) for picture in (x, y)), strict=True)
+    torch.testing.assert_close(Pyramid(L2(), 3)(x, y), sum(L2()(*level) for level in levels) / 3)
     torch.testing.assert_close(Pyramid(L2(), 1)(x, y), L2()(x, y))
 
 
 def test_with_weights_a_coarse_pixel_is_the_mean_of_those_that_count():
-    x, y = torch.zeros(1, 1, 2, 2), torch.tensor([[[[0.4, 0.8], [0.1, float("nan")]]]])
-    weight = torch.tensor([[[[3.0, 1.0], [0.0, 0.0]]]])
-    seen = torch.where(weight > 0, y, 0)
-    torch.testing.assert_close(Pyramid(L1(), 2)(x, seen, weight), torch.tensor([(3 * 0.4 + 0.8) / 4]))
+    x, y = torch.zeros(1, 1, 8, 8), torch.full((1, 1, 8, 8), 0.4)
+    weight = torch.ones(1, 1, 8, 8)
+    weight[..., 3:] = 0
     # a coarse pixel sees nothing of what is hidden, whatever stands there
-    torch.testing.assert_close(Pyramid(Depth(), 2)(x, y, weight), torch.tensor([(3 * 0.4 + 0.8) / 4]))
+    for hidden in (0.9, torch.nan):
+        seen = torch.where(weight > 0, y, hidden)
+        for energy in (L1(), Depth()):
+            torch.testing.assert_close(Pyramid(energy, 2)(x, seen, weight), torch.tensor([0.4]))
+    y[..., :2] = 0.8
+    half = (pyrdown(y * weight) / pyrdown(weight).clamp_min(1e-6)) * (pyrdown(weight) > 0)
+    expected = (L1()(x, y, weight) + L1()(pyrdown(x), half, pyrdown(weight))) / 2
+    torch.testing.assert_close(Pyramid(L1(), 2)(x, y, weight), expected)
 
 
 def test_it_stands_on_what_its_energy_stands_on():
@@ -104,5 +107,5 @@ def test_the_networks_of_its_energy_are_its_own():
 def test_levels_that_do_not_exist_are_refused():
     with pytest.raises(ValueError, match="num_levels must be at least 1"):
         Pyramid(L1(), 0)
-    with pytest.raises(ValueError, match=r"num_levels is too large: a level of \(1, 1\) pixels has no half"):
+    with pytest.raises(ValueError, match=r"num_levels is too large: a level of \(2, 2\) pixels has no half"):
         Pyramid(L1(), 6).prepare(pictures()[0])

@@ -58,7 +58,15 @@ class TestWithAnyEnergy:
         assert seen.ranking.argmin() == 0
 
 
-@pytest.mark.parametrize("optimizer", [Adam(0.02), LBFGS(), LevenbergMarquardt()], ids=lambda o: type(o).__name__)
+@pytest.mark.parametrize(
+    "optimizer",
+    [
+        Adam(0.02),
+        pytest.param(LBFGS(), marks=pytest.mark.slow),
+        pytest.param(LevenbergMarquardt(), marks=pytest.mark.slow),
+    ],
+    ids=lambda optimizer: type(optimizer).__name__,
+)
 @pytest.mark.parametrize("energy", [L2(), NCC()], ids=lambda energy: type(energy).__name__)
 def test_a_fit_from_many_starts_stays_in_the_frame_and_finds_the_shift(energy, optimizer):
     truth = {**STILL, "shift": [0.3, -0.2]}

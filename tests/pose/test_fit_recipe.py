@@ -67,3 +67,13 @@ def test_a_wrong_recipe_gets_one_sentence(tmp_path, change, told):
 def test_what_a_part_says_against_its_settings_is_passed_on(tmp_path):
     with pytest.raises(ValueError, match="weights: there is no file"):
         fit_of(RELEASED, load("laptop"), [f"{NETWORK}.init_args.weights", str(tmp_path / "gone.pth")])
+
+
+def test_what_a_fit_writes_is_read_as_the_same_fit(tmp_path):
+    model, file = load("laptop"), tmp_path / "again.yaml"
+    fit = fit_of(RELEASED, model, [*OFFLINE, "--num_starts", "3"])
+    file.write_text(fit.to_yaml(), encoding="utf-8")
+    again = fit_of(file, model)
+    assert again.to_yaml() == fit.to_yaml()
+    assert again.num_starts == 3
+    assert isinstance(again.initializers[-1], EncoderPosterior)
