@@ -112,7 +112,7 @@ class FitPipeline(nn.Module):
         self.selector = selector or LowestEnergy()
         self.callbacks = list(callbacks)
         self.num_starts, self.num_steps, self.min_overlap = num_starts, num_steps, min_overlap
-        self.history = int(history)
+        self.history = history
         self.num_candidates = num_starts if num_candidates is None else num_candidates
         if not any((rank_weights or self.weights_at(num_steps)).values()):
             raise ValueError("rank_weights must hold a number other than 0, or no start is better than another")
@@ -198,7 +198,7 @@ class FitPipeline(nn.Module):
         state = FitState(0, self.num_steps, problem, start, raw, {}, nothing, {}, nothing, {}, memory)
         for callback in self.callbacks:
             callback.on_start(state)
-        recorder = Recorder(count, self.num_starts, self.history)
+        recorder = Recorder(count, self.num_starts, int(self.history))
         for step in range(self.num_steps + 1):
             objective.weights = self.weights_at(step)
             if step < self.num_steps:
