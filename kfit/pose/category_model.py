@@ -35,7 +35,7 @@ from kfit.pose.hypotheses import PoseHypotheses, alternatives, ambiguity_warning
 from kfit.pose.interpretation import interpret
 from kfit.pose.observed_object import ObservedObject
 from kfit.pose.result import PoseResult
-from kfit.pose.views import Box, PhotoLike, observed_views
+from kfit.pose.views import Box, PhotoLike, observed_views, triangulated_diagonal
 from kfit.segmentation import Segmenter
 
 
@@ -79,7 +79,7 @@ class CategoryModel:
         num_steps: int = 16,
         callbacks: Sequence[Callback] | None = None,
         depth: bool = False,
-        views: bool = False,
+        views: float | None = None,
         energies: Mapping[str, tuple[Energy, float]] | None = None,
     ) -> FitPipeline:
         """The fit that `pose` runs: the paper's, with an energy that works offline.
@@ -96,18 +96,19 @@ class CategoryModel:
             num_starts, num_steps: as in `kfit.FitPipeline`.
             callbacks: pruning to half the starts at step 3 unless given.
             depth: the observation has depth and intrinsics, which fix the distance; the generator must draw depth.
-            views: the observation has several views of each object, whose cameras fix distance and size.
+            views: the observation has several views of each object, whose cameras fix distance and size: the box
+                diagonal in metres at which fits start.
             energies: of drawing and photo, by name and with their weights, instead of the first three.
         """
-        if depth and views:
+        if depth and views is not None:
             raise ValueError("depth and views were both given; a fit of several photos is of colour alone")
         warped: Generator = SimilarityWarp(self.generator)
         parts, weights, initializers, rates = default_parts(
             self.encoder, self.pose_head, self.card, depth, default_energies() if energies is None else energies
         )
-        if views:
+        if views is not None:
             warped = MultiView(warped, self.image_size, self.card.unit_fraction)
-            initializers.append(Constant({"diagonal": self.card.mean_diagonal}))
+            initializers.append(Constant({"diagonal": views}))
             rates["diagonal"] = VIEWS_RATE
         return FitPipeline(
             MetricDepth(warped) if depth else warped,
@@ -167,7 +168,8 @@ class CategoryModel:
             seen, observation = observed_views(
                 image, self.card.category, self.image_size, mask, box, intrinsics, relative_poses, segmenter
             )
-            pipeline = pipeline or self.pipeline(views=True)
+            start = triangulated_diagonal(observation, self.card.unit_fraction, self.card.mean_diagonal)
+            pipeline = pipeline or self.pipeline(views=start)
             there: Observation = observation.map(lambda tensor: tensor.to(pipeline.device))
             return self.answer(pipeline(there, seed=seed), seen)
         if relative_poses is not None:

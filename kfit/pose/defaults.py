@@ -19,7 +19,7 @@ BETAS = (0.7, 0.95)
 # Where depth is seen: distance in logarithms, the focal length known.
 DEPTH_RATES = {"distance": 0.01, "focal": 0.0}
 # Where several cameras see it: the size in logarithms.
-VIEWS_RATE = 0.02
+VIEWS_RATE = 0.03
 DEPTH_WEIGHT = 4.0  # of a box diagonal
 
 

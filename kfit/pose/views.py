@@ -13,6 +13,7 @@ from torch import Tensor
 
 from kfit.core import Observation
 from kfit.core.check import check_shape
+from kfit.geometry import viewing_ray
 from kfit.pose.observed_object import ObservedObject
 from kfit.segmentation import Photo, Segmenter, load_segmenter
 
@@ -77,6 +78,30 @@ def observed_views(
     )
     others = [f"photo {number + 1}: {note}" for number, one in enumerate(found) if number for note in one.notes]
     return replace(found[0], notes=(*found[0].notes, *others)), observation
+
+
+def triangulated_diagonal(observation: Observation, unit_fraction: float, mean_diagonal: float) -> float:
+    """Box diagonal in metres of an object in several crops, by the rays through their middles and its size in them.
+
+    The rays' nearest common point is that of least squares, Σ_v (I − d_v d_vᵀ)(p − c_v) = 0. Where they are all but
+    parallel it says little, and the answer stays within a third and three times the mean.
+
+    Args:
+        observation: one problem of several views, with the crops' cameras.
+        unit_fraction: width of a unit diagonal over the crop's, at scale 1.
+        mean_diagonal: of the category.
+    """
+    cameras, poses = observation.field("intrinsics").double(), observation.field("trans_cam_ref").double()
+    side = observation.image.shape[-1]
+    back = poses[:, :3, :3].mT
+    middle = torch.full((len(cameras), 2), (side - 1) / 2, dtype=torch.float64)
+    rays = viewing_ray(middle, cameras)
+    directions, centres = (back @ rays[..., None]), -back @ poses[:, :3, 3:]
+    across = torch.eye(3, dtype=torch.float64) - directions @ directions.mT
+    point = torch.linalg.lstsq(across.sum(0), (across @ centres).sum(0)).solution[:, 0]
+    focal = float(cameras[0, 0, 0] + cameras[0, 1, 1]) / 2
+    found = float(point.norm()) * unit_fraction * side * float(rays[0, 2]) ** 1.5 / focal
+    return min(max(found, mean_diagonal / 3), 3 * mean_diagonal)
 
 
 def _checked_poses(poses: Any, count: int) -> Tensor:

@@ -59,7 +59,7 @@ def matched_features(moving: Tensor, fixed: Tensor, moving_known: Tensor, fixed_
     import cv2
     import numpy as np
 
-    detector, sides = cv2.SIFT_create(2000), []
+    detector, sides = cv2.SIFT_create(2000), []  # type: ignore[attr-defined]
     for grey, known in ((moving, moving_known), (fixed, fixed_known)):
         low, high = (float(end) for end in (grey.min(), grey.max()))
         pixels = ((grey - low) / max(high - low, 1e-6) * 255).round().byte().numpy()
@@ -72,11 +72,9 @@ def matched_features(moving: Tensor, fixed: Tensor, moving_known: Tensor, fixed_
     good = [pair[0] for pair in pairs if len(pair) == 2 and pair[0].distance < 0.8 * pair[1].distance]
     if len(good) < 8:
         return torch.eye(3, dtype=torch.float64)
-    ends = [
-        np.float32([side[index].pt for index in at])
-        for side, at in ((there, [m.queryIdx for m in good]), (here, [m.trainIdx for m in good]))
-    ]
-    matrix, agree = cv2.findHomography(*ends, cv2.USAC_MAGSAC, 2.0)
+    chosen = ((there, [match.queryIdx for match in good]), (here, [match.trainIdx for match in good]))
+    ends = [np.array([side[index].pt for index in at], np.float32) for side, at in chosen]
+    matrix, agree = cv2.findHomography(ends[0], ends[1], cv2.USAC_MAGSAC, 2.0)
     if matrix is None or agree.sum() < 8 or not np.isfinite(matrix).all() or np.linalg.det(matrix[:2, :2]) <= 0:
         return torch.eye(3, dtype=torch.float64)
     return torch.from_numpy(matrix)
