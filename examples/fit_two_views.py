@@ -14,6 +14,7 @@ import torch.nn.functional as F
 from skimage import data
 
 from kfit import FitPipeline, Observation
+from kfit.callbacks import Pruning
 from kfit.core import SO3
 from kfit.data import build
 from kfit.energies import SSIM, Silhouette
@@ -26,12 +27,10 @@ from kfit.reports.picture_table import picture_table
 mesh, _ = build("mug", 7)  # any mesh: 15 cm across here
 camera = torch.tensor([[190.0, 0.0, 47.5], [0.0, 190.0, 35.5], [0.0, 0.0, 1.0]])  # pictures of 96 × 72
 generator = MeshInCamera(0.15 * mesh.vertices, mesh.faces, mesh.uv, mesh.texture, (72, 96), num_points=6000)
-
 # The second camera stands 45° to the side and looks at the same place, 0.6 m in front of the first.
 aside, middle, second = SO3().to_value(torch.tensor([0.0, 0.25, 0.0])), torch.tensor([0.0, 0.0, 0.6]), torch.eye(4)
 second[:3, :3], second[:3, 3] = aside, middle - aside @ middle
 cameras = {"intrinsics": camera.expand(2, 3, 3), "trans_cam_ref": torch.stack([torch.eye(4), second])}
-
 rotation = SO3().to_value(torch.tensor([[0.85, 0.1, -0.05]]))
 truth = {"rotation": rotation, "translation": torch.tensor([[0.02, -0.01, 0.58]])}
 seen = generator(**truth, **{name: value[None] for name, value in cameras.items()})
@@ -43,9 +42,10 @@ fit = FitPipeline(
     generator,
     {"outline": Silhouette(), "structure": SSIM()},
     weights={"outline": 5.0},
-    initializers=[Constant({"rotation": away.tolist(), "translation": [0.0, 0.0, 0.65]}, spread={"rotation": 0.06})],
-    optimizer=Adam({"rotation": 0.02, "translation": 0.005}, decay=0.97),
-    **{"num_starts": 6, "num_steps": 50},
+    initializers=[Constant({"rotation": away.tolist(), "translation": [0.0, 0.0, 0.65]}, spread={"rotation": 0.08})],
+    optimizer=Adam({"rotation": 0.012, "translation": 0.006}, (0.7, 0.95), decay=0.97),
+    callbacks=[Pruning({8: 4, 16: 2})],
+    **{"num_starts": 8, "num_steps": 50},
 )
 found = fit(Observation(cut_out, seen.mask, views=2, **cameras), seed=0).values
 degrees = torch.rad2deg(rotation_error(found["rotation"], rotation)).item()

@@ -41,6 +41,7 @@ class MeshInCamera(Generator):
     """
 
     camera: Tensor | None
+    centre: Tensor
 
     def __init__(
         self,
@@ -58,7 +59,9 @@ class MeshInCamera(Generator):
         self.image_size = (image_size[0], image_size[1])
         self.surface = SurfacePoints("MeshInCamera", vertices, faces, uv, texture, num_points)
         points = self.surface.points
-        self.diagonal = float((points.amax(0) - points.amin(0)).norm())
+        low, high = points.amin(0), points.amax(0)
+        self.diagonal = float((high - low).norm())
+        self.register_buffer("centre", (low + high) / 2, persistent=False)
         if intrinsics is not None:
             intrinsics = torch.as_tensor(intrinsics, dtype=torch.float32)
             check_shape("MeshInCamera: intrinsics", intrinsics, (3, 3))
@@ -96,6 +99,8 @@ class MeshInCamera(Generator):
         placed = self.surface.points @ rotation.mT + translation[:, None]
         facing = ((self.surface.normals @ rotation.mT) * F.normalize(placed, dim=-1)).sum(-1).abs()
         depth = placed[..., 2]
+        # Behind the object's centre, or its softness would be that of numbers too large for it.
+        middle = (rotation[:, 2] @ self.centre + translation[:, 2])[:, None]
         before = depth > 0.01 * self.diagonal
         z = depth.where(before, 1.0)
         column, row, _ = (placed @ cameras.mT).unbind(-1)
@@ -106,10 +111,10 @@ class MeshInCamera(Generator):
         drawn = self.surface.splat(
             (column / z).where(before, -1e4),
             (row / z).where(before, -1e4),
-            depth - translation[:, 2:],
+            depth - middle,
             area.where(before, 0.0),
             self.image_size,
             DEPTH_SOFTNESS * self.diagonal,
         )
         assert drawn.depth is not None  # splats have one
-        return Rendering(drawn.image, drawn.mask, drawn.depth + translation[:, 2].view(-1, 1, 1, 1))
+        return Rendering(drawn.image, drawn.mask, drawn.depth + middle.view(-1, 1, 1, 1))
