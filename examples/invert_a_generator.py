@@ -16,12 +16,13 @@ import kfit
 from kfit.callbacks import Pruning
 from kfit.core import Observation
 from kfit.data import build, pose_view
-from kfit.energies import SSIM, CodePrior
+from kfit.energies import L1, SSIM, CodePrior
 from kfit.fitting import Cosine
 from kfit.initializers import Constant
 from kfit.optimizers import TorchOptimizer
 from kfit.reports.picture_table import picture_table
 
+RATES = {"code": 0.25, "azimuth": 0.02, "elevation": 0.01}  # in half-turns for angles
 mesh, light = build("laptop", 1_006_003, held_out=True)
 view = pose_view(mesh, 0.4, 0.3, light)
 image = torch.from_numpy(view.image).movedim(-1, 0)[None]
@@ -29,13 +30,13 @@ generator = kfit.load("laptop").generator
 
 pipeline = kfit.FitPipeline(
     generator,
-    energies={"look": SSIM(), "prior": CodePrior()},
-    weights={"prior": 0.002},
+    energies={"color": L1(), "structure": SSIM(), "prior": CodePrior()},
+    weights={"color": 5.0, "prior": 0.001},
     initializers=[
         Constant({"code": 0.0}),
         Constant({"azimuth": 0.0, "elevation": 0.5}, spread={"azimuth": 0.15, "elevation": 0.05}),
     ],
-    optimizer=TorchOptimizer(torch.optim.AdamW, lr=0.05, schedule=Cosine(1.0, 0.05), num_steps=40),
+    optimizer=TorchOptimizer(torch.optim.AdamW, RATES, Cosine(1.0, 0.05), num_steps=40),
     callbacks=[Pruning({6: 4, 12: 2})],
     num_starts=8,
     num_steps=40,

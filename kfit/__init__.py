@@ -27,7 +27,7 @@ if TYPE_CHECKING:
         Variable,
     )
     from kfit.fitting.pipeline import FitPipeline
-    from kfit.models import load
+    from kfit.models.load import load
     from kfit.registration import register
     from kfit.reports.html_page import report
 

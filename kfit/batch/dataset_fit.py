@@ -19,6 +19,7 @@ from kfit.batch.results_folder import ResultsFolder
 from kfit.core import FitError, Observation
 from kfit.core.check import check_choice, check_count, check_dict, check_names, check_text
 from kfit.geometry import CATEGORIES
+from kfit.models.files import read_card
 from kfit.models.load import BUNDLED, bundled, load
 from kfit.pose.category_model import CategoryModel
 from kfit.pose.observed_object import ObservedObject
@@ -160,7 +161,7 @@ class DatasetFit(LightningModule):
             model = load(self.files[category])
             if model.card.category != category:
                 raise ValueError(f"models: {self.files[category]} is of the category {model.card.category}")
-            if self.depth and not _draws_depth(model):
+            if self.depth and "depth" not in model.drawn:
                 continue
             self.models[category] = model
             self.pipelines[category] = model.pipeline(self.num_starts, self.num_steps, depth=self.depth)
@@ -213,12 +214,6 @@ class DatasetFit(LightningModule):
             self.counts["images"] += 1
 
 
-def _draws_depth(model: CategoryModel) -> bool:
-    with torch.no_grad():
-        zeros = {name: torch.zeros(1, *variable.shape) for name, variable in model.generator.variables.items()}
-        return model.generator(**zeros).depth is not None
-
-
 def _digest(path: Path) -> str:
-    """Tells one model from another: by its weights and its card."""
-    return hashlib.sha256(path.read_bytes() + path.with_suffix(".json").read_bytes()).hexdigest()[:12]
+    """Tells one model from another: by its weights and its card, which files of version 0.1 have elsewhere."""
+    return hashlib.sha256(path.read_bytes() + read_card(path).to_json().encode()).hexdigest()[:12]

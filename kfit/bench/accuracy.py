@@ -108,11 +108,10 @@ def run(args: Namespace) -> None:
         raise ValueError("--card needs --model FILE.safetensors, whose card is written to")
 
     from kfit.bench.accuracy_fits import AccuracyFits
-    from kfit.bench.nocs_accuracy import draws_depth
     from kfit.runtime.atomic_write import atomic_write
 
     models = models_of(args)
-    flat = [category for category, model in models.items() if args.depth and not draws_depth(model)]
+    flat = [category for category, model in models.items() if args.depth and "depth" not in model.drawn]
     if flat:
         raise ValueError(f"--depth needs models that draw depth; of {', '.join(flat)} it is the picture alone")
     with progress() as bar:
@@ -156,7 +155,7 @@ def write_card(
     models: dict[str, CategoryModel], args: Namespace, procedural: Figures, scans: Figures, objects: list[Any]
 ) -> None:
     """Note what was measured in the card of the one model."""
-    from kfit.runtime.atomic_write import atomic_write
+    from kfit.models import write_model
 
     (model,) = models.values()
     schedule = {name: _schedule(args)[name] for name in ("starts", "steps", "pruned", "seed")}
@@ -167,8 +166,7 @@ def write_card(
         model.card.accuracy[f"scans{how_seen}"] = {**schedule, **scans}
     if objects:
         model.card.accuracy["objects of NOCS's frames, true masks"] = {**schedule, "objects": objects}
-    card = Path(args.model).with_suffix(".json")
-    atomic_write(card.parent, {card.name: model.card.write})
+    write_model(Path(args.model), model.networks, model.card)  # the weights that were measured, with their card
 
 
 def _schedule(args: Namespace) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from rich.progress import Progress
 from torch import from_numpy
 
 from kfit.bench.held_out_views import HeldOutViews, answer_to, held_out_views
-from kfit.bench.nocs_accuracy import draws_depth, fit_known, known_objects
+from kfit.bench.nocs_accuracy import fit_known, known_objects
 from kfit.bench.pose_errors import measure
 from kfit.bench.scans import find_scans, scan_views
 from kfit.fitting.pipeline import FitPipeline
@@ -114,7 +114,7 @@ class AccuracyFits:
             pipelines = {
                 way: self.pipeline(model, way == "RGB-D")
                 for way in ways
-                if mine and (way == "RGB" or draws_depth(model))
+                if mine and (way == "RGB" or "depth" in model.drawn)
             }
             for known in mine:
                 row: dict[str, Any] = {"name": known.name, "split": known.split, "category": category}

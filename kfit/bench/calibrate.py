@@ -29,7 +29,7 @@ def parser() -> ArgumentParser:
         type=str,
         required=True,
         metavar="FILE.safetensors",
-        help="the model, whose card beside it is written to",
+        help="the model; its card gets the calibration",
     )
     parser.add_argument("--views", type=int, default=400, help="number of objects, one view each")
     parser.add_argument("--seed", type=int, default=7, help="chooses the objects and poses")
@@ -46,10 +46,9 @@ def run(args: Namespace) -> None:
         raise ValueError(f"--views must be at least 2, got {args.views}")
     from kfit.bench.calibration_views import calibration_views
     from kfit.bench.held_out_views import RIGHT_DEG, answers, rotation_errors
-    from kfit.models import load
+    from kfit.models import load, write_model
     from kfit.pose.calibrating import calibrate, cross_validated, reliability
     from kfit.pose.confidence import how_fitted
-    from kfit.runtime.atomic_write import atomic_write
 
     model = load(args.model)
     kind = "RGB-D" if args.depth else "RGB"
@@ -88,8 +87,7 @@ def run(args: Namespace) -> None:
     found = calibrate(told, right, energy, how_fitted(fitted, weights), args.seed)
     found.measured["sets"] = by_set(names, cross_validated(told, right), right)
     model.card.calibration[kind] = found
-    card = Path(args.model).with_suffix(".json")
-    atomic_write(card.parent, {card.name: model.card.write})
+    write_model(Path(args.model), model.networks, model.card)  # the weights that were measured, with their card
     print_reliability(found.measured, "by cross-validation")
     print_sets(found.measured["sets"])
 

@@ -60,13 +60,6 @@ def known_objects(root: str | Path, categories: Iterable[str]) -> Iterator[Known
                     yield KnownObject(part.split, frame, thing)
 
 
-def draws_depth(model: CategoryModel) -> bool:
-    """Whether a model can be fitted to depth."""
-    values = {name: torch.zeros(1, *variable.shape) for name, variable in model.generator.variables.items()}
-    with torch.no_grad():
-        return model.generator(**values).depth is not None
-
-
 def fit_known(
     model: CategoryModel, known: KnownObject, pipeline: FitPipeline, depth: bool
 ) -> tuple[PoseResult, float, float] | None:

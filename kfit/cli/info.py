@@ -71,19 +71,21 @@ def models() -> list[dict[str, Any]]:
     """What the cards of the bundled models tell."""
     from safetensors import safe_open
 
+    from kfit.models import read_card
+
     found = []
     for path in sorted(BUNDLED.glob("*.safetensors")):
-        card = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
+        card = read_card(path)
         with safe_open(path, "np") as file:
             shapes = [file.get_slice(name).get_shape() for name in file.keys()]  # noqa: SIM118
-        measured = card["accuracy"].get(UNSEEN, {}).get(ALL, {})
+        measured = card.accuracy.get(UNSEEN, {}).get(ALL, {})
         found.append(
             {
-                "category": card["category"],
-                "generator": card["networks"]["generator"]["class_path"],
+                "category": card.category,
+                "generator": card.networks["generator"]["class_path"],
                 "parameters": sum(map(math.prod, shapes)),
-                "symmetric": card["symmetry"] == "y",
-                "calibrated": sorted(card["calibration"]),
+                "symmetric": card.symmetry == "y",
+                "calibrated": sorted(card.calibration),
                 "median_rotation_error_deg": measured.get("median"),
                 "under_10_deg": measured.get("under_10"),
             }

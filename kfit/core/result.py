@@ -61,7 +61,11 @@ class FitResult:
         return FitResult(**{**moved[0], "history": History(**moved[1])})
 
     def of(self, problem: int) -> FitResult:
-        """What was found for one problem alone; history, dropped rows and the number of pictures stay those of all."""
+        """Select one problem, which becomes problem 0 of the result: winner, starts, history and dropped rows.
+
+        ``num_evaluations`` stays the number of pictures that were drawn for all problems, because pictures of several
+        problems are drawn together.
+        """
         one, rows = slice(problem, problem + 1), self.all_problem == problem
         return replace(
             self,
@@ -72,4 +76,10 @@ class FitResult:
             all_start=self.all_start[rows],
             all_energy=self.all_energy[rows],
             all_values={name: value[rows] for name, value in self.all_values.items()},
+            history=History(
+                energy=self.history.energy[:, one],
+                terms={name: term[:, one] for name, term in self.history.terms.items()},
+                values={name: value[:, one] for name, value in self.history.values.items()},
+            ),
+            dropped=[(0, start, step) for number, start, step in self.dropped if number == problem],
         )

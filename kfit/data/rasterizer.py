@@ -43,12 +43,18 @@ class Light:
 
     @staticmethod
     def random(rng: np.random.Generator) -> Light:
-        """Draw a room: a main lamp mostly from above, often a weaker one, warm or cold, with a random ambient share."""
+        """Draw a room: a main lamp and often a weaker one, warm or cold, with a random ambient share.
+
+        The lamps of two rooms in three are above the upright object; the others' are on any side of it, as a lying or
+        inverted object has them.
+        """
         tint = 1 + rng.normal(0, 0.05) * np.array([1.0, 0.1, -1.0])
         level = rng.uniform(0.58, 0.95)
         share = rng.uniform(0.45, 0.8)
         strengths = np.array([1.0, rng.uniform(0, 0.6)])
         elevation = np.deg2rad([rng.uniform(30, 85), rng.uniform(0, 60)])
+        if rng.random() < 1 / 3:
+            elevation = np.arcsin(rng.uniform(-1, 1, 2))
         azimuth = rng.uniform(0, 2 * np.pi, 2)
         directions = np.stack(
             [np.cos(elevation) * np.sin(azimuth), np.sin(elevation), np.cos(elevation) * np.cos(azimuth)], axis=1

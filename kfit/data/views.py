@@ -18,7 +18,7 @@ from kfit.core.check import check_choice, check_count, check_list, check_range, 
 from kfit.data import shapes
 from kfit.data.drawn_objects import DrawnObjects, in_order
 from kfit.data.view_parts import FIELDS, ViewParts
-from kfit.geometry import UNIT_FRACTION
+from kfit.geometry import UNIT_FRACTION, azimuth_from_released
 from kfit.runtime.atomic_write import atomic_write
 from kfit.runtime.devices import memory
 
@@ -173,12 +173,14 @@ class Views:
     ``images`` (N, H, W, 3) uint8, ``masks`` (N, H, W) uint8, ``elevations`` and ``azimuths`` (N,) float32 in radians,
     ``distances`` (N,) float32 of the camera in box diagonals, ``depth`` (N, H, W) float16 and ``extents``
     (num_objects, 3) float32, these three None where the file has none; ``num_views`` consecutive rows belong to one
-    object. Pictures without a fourth channel get as mask what is not
-    white. Reads files of ``build_views`` and the released code's own.
+    object. Pictures without a fourth channel get as mask what is not white. Reads files of ``build_views`` and the
+    released code's own. A file without the attribute ``num_views``, which the released code does not write, is taken
+    for one of these: what is transparent in it is white, and azimuths are converted to NOCS's axes by
+    `kfit.geometry.azimuth_from_released`.
 
     Args:
         path: An HDF5 file with ``images`` and ``poses``.
-        num_views: Views an object, for files that do not say it themselves.
+        num_views: Views an object, for files without the attribute of that name.
 
     Raises:
         FileNotFoundError: If there is no such file.
@@ -198,7 +200,6 @@ class Views:
                 there = [name for name in FIELDS if file.get(name, getlink=True) is not None]
                 data = {name: _read(file, name, path) for name in there}
                 stated = file.attrs.get("num_views")
-                ours = "num_done" in file.attrs
         except (OSError, KeyError, RuntimeError) as error:
             raise ValueError(f"path must name a whole HDF5 file, but {path} cannot be read ({error}).") from error
         for name, ndim in (("images", 4), ("poses", 2)):
@@ -216,13 +217,17 @@ class Views:
             raise ValueError(f"num_views must divide the {len(images)} rows of {path}, but is {views}.")
         self.num_views = int(views)
         self.num_objects = len(images) // self.num_views
-        if images.shape[3] == 4 and not ours:
+        released = stated is None
+        if images.shape[3] == 4 and released:
             images[images[..., 3] == 0, :3] = 255  # white, whatever a released file has left there
         self.images: np.ndarray = images[..., :3]
         self.masks: np.ndarray = (
             images[..., 3] if images.shape[3] == 4 else np.where((images < 250).any(-1), 255, 0).astype(np.uint8)
         )
         self.elevations, self.azimuths = np.deg2rad(poses.astype(np.float32)).T
+        if released:
+            _log.info("%s is read as the released code's: its azimuths are converted to NOCS's axes.", path)
+            self.azimuths = azimuth_from_released(self.azimuths) % np.float32(2 * np.pi)
         expected = {"depth": images.shape[:3], "distances": images.shape[:1], "extents": (self.num_objects, 3)}
         for name, shape in expected.items():
             if name in data and data[name].shape != shape:

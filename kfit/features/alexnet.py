@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import torch
 from torch import Tensor, nn
 
 from kfit.core.check import check_choice, check_list
@@ -54,7 +55,8 @@ class AlexNet(FeatureNetwork):
                 self.layers[index] = name
             if name.startswith("conv"):
                 width, kernel, stride, padding = _CONVOLUTIONS[int(name[4]) - 1]
-                self.features.append(nn.utils.skip_init(nn.Conv2d, channels, width, kernel, stride, padding))
+                made = nn.utils.skip_init(nn.Conv2d, channels, width, kernel, stride, padding, dtype=torch.float32)
+                self.features.append(made)
                 channels = width
             elif name.startswith("relu"):
                 # in place spares memory, and would overwrite a convolution that was asked for

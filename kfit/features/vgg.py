@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import torch
 from torch import Tensor, nn
 
 from kfit.core.check import check_choice, check_list
@@ -29,7 +30,7 @@ class _VGG(FeatureNetwork):
                 self.layers[index] = name
             if name.startswith("conv"):
                 width = min(64 * 2 ** (int(name[4]) - 1), 512)
-                self.features.append(nn.utils.skip_init(nn.Conv2d, channels, width, 3, padding=1))
+                self.features.append(_convolution(channels, width))
                 channels = width
             elif name.startswith("relu"):
                 # in place spares memory, and would overwrite a convolution that was asked for
@@ -83,6 +84,12 @@ class VGG19(_VGG):
     convolutions = (2, 2, 4, 4, 4)
     url = "https://download.pytorch.org/models/vgg19-dcbb9e9d.pth"
     megabytes = 548
+
+
+def _convolution(channels: int, width: int) -> nn.Module:
+    """A 3 × 3 convolution in single precision, whatever torch's default type is, yet to be filled."""
+    made: nn.Module = nn.utils.skip_init(nn.Conv2d, channels, width, 3, padding=1, dtype=torch.float32)
+    return made
 
 
 def _names(convolutions: tuple[int, ...]) -> list[str]:

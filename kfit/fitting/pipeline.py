@@ -36,7 +36,7 @@ from kfit.fitting.objective import Objective
 from kfit.fitting.recipe import recipe_text
 from kfit.fitting.recorder import Recorder
 from kfit.fitting.starts import initialize
-from kfit.runtime.devices import compile_networks
+from kfit.runtime.devices import compile_networks, safe_after_fork
 from kfit.selectors import LowestEnergy
 
 _log = logging.getLogger(__name__)
@@ -159,6 +159,7 @@ class FitPipeline(nn.Module):
         """Weights of the terms at a step, 0 to ``num_steps``."""
         return {k: w(step, self.num_steps) if isinstance(w, Schedule) else w for k, w in self.weights.items()}
 
+    @safe_after_fork()
     def forward(self, observation: Observation, *, seed: int | None = None) -> FitResult:
         """Fit B problems.
 

@@ -44,7 +44,9 @@ class FeatureEncoder(Encoder):
         check_count("FeatureEncoder: hidden_dim", hidden_dim, 2, 4096)
         self.features = features or EfficientNetLite0((2, 5, 7))
         with torch.no_grad():
-            widths = [layer.shape[1] for layer in self.features(torch.zeros(1, 3, 64, 64)).values()]
+            widths = [
+                layer.shape[1] for layer in self.features(torch.zeros(1, 3, 64, 64, dtype=torch.float32)).values()
+            ]
         self.reduce = nn.ModuleList(nn.Conv2d(width, feature_dim, 1) for width in widths)
         self.shape = nn.Linear(len(widths) * feature_dim * FEATURE_GRID**2, hidden_dim // 2)
         self.color = nn.Linear(4 * COLOR_GRID**2, hidden_dim - hidden_dim // 2)

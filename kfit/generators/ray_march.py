@@ -49,7 +49,7 @@ class RayMarch:
         ray = row * (height * width) + pixel
         number = seen // (height * width) % self.num_samples
         step = self.step.flatten()[ray]
-        depth = self.near.flatten()[ray] + (number + 0.5) * step
+        depth = self.near.flatten()[ray] + (number.to(step) + 0.5) * step
         point = self.past.flatten(0, 2)[ray] + depth[:, None] * self.along.flatten(0, 2)[ray]
         raw = _sampled(volume, row, point)
         thickness = torch.zeros_like(among).flatten().index_put((seen,), self._optical(raw[3], step))
@@ -61,7 +61,7 @@ class RayMarch:
 
     def _points(self) -> tuple[Tensor, Tensor]:
         """Depths (N, K, H, W) and points (N, K, H, W, 3) of all samples."""
-        count = torch.arange(self.num_samples, device=self.near.device).view(-1, 1, 1) + 0.5
+        count = torch.arange(self.num_samples, dtype=self.near.dtype, device=self.near.device).view(-1, 1, 1) + 0.5
         depths = self.near[:, None] + count * self.step[:, None]
         return depths, self.past[:, None] + depths[..., None] * self.along[:, None]
 

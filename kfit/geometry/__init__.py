@@ -18,6 +18,7 @@ from kfit.geometry.crop import Crop
 from kfit.geometry.pose import (
     Symmetry,
     angles_from_rotation,
+    azimuth_from_released,
     from_opencv,
     rotation_error,
     rotation_from_angles,
@@ -34,6 +35,7 @@ __all__ = [
     "PoseNetwork",
     "Symmetry",
     "angles_from_rotation",
+    "azimuth_from_released",
     "box_corners",
     "depth_along",
     "diagonal_at",

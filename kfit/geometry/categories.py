@@ -46,7 +46,7 @@ CATEGORIES: dict[str, Category] = {
         Category("bowl", 2, "y", 0.21, 1.25, (0.76, 0.55, 0.76), "y up, free to turn about y"),
         Category("camera", 3, "none", 0.19, 1.0, (0.85, 0.8, 0.88), "y up, lens towards +x"),
         Category("can", 4, "y", 0.15, 1.03, (0.75, 0.97, 0.75), "y up, free to turn about y"),
-        Category("laptop", 5, "none", 0.46, 1.0, (0.85, 0.65, 0.8), "y up, screen facing +x"),
+        Category("laptop", 5, "none", 0.46, 1.0, (0.86, 0.65, 0.86), "y up, screen facing +x"),
         Category("mug", 6, "none", 0.17, 1.15, (0.87, 0.75, 0.67), "y up, handle towards +x"),
     )
 }

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
-from typing import Literal
+from typing import Literal, TypeVar
 
+import numpy as np
 import torch
 from kornia.geometry.conversions import axis_angle_to_rotation_matrix
 from torch import Tensor
@@ -12,6 +14,7 @@ from torch import Tensor
 from kfit.core.check import check_choice
 
 Symmetry = Literal["none", "y"]
+Angles = TypeVar("Angles", Tensor, "np.ndarray")
 
 
 def rotation_from_angles(azimuth: Tensor, elevation: Tensor, roll: Tensor) -> Tensor:
@@ -33,6 +36,25 @@ def rotation_from_angles(azimuth: Tensor, elevation: Tensor, roll: Tensor) -> Te
     about_z, about_x, about_y = turns.unbind(-3)
     turned: Tensor = about_z @ about_x @ about_y
     return turned
+
+
+def azimuth_from_released(azimuth: Angles) -> Angles:
+    """Convert an azimuth of the released code (neural_object_fitting@7309348) to kfit's, which is about NOCS's axes.
+
+    azimuth_kfit = −azimuth − π/2: the released code turns the other way, and its objects stand a quarter-turn away from
+    NOCS's axes. Its eval.py takes that back: with half-turns ax, ay, az it reports the rotation Euler "yxz"
+    (−ay − ½, ax + 1, −az) · 180°, which is `to_opencv` of `rotation_from_angles` (azimuth_kfit, ax · π, az · π).
+
+    >>> azimuth_from_released(torch.tensor(0.0))  # the front, NOCS's +x, towards the viewer
+    tensor(-1.5708)
+
+    Args:
+        azimuth: (…) in radians.
+
+    Returns:
+        (…) in radians.
+    """
+    return -azimuth - math.pi / 2
 
 
 def rotation_of(values: Mapping[str, Tensor]) -> Tensor:

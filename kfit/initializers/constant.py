@@ -60,7 +60,9 @@ def scattered(
 ) -> Tensor:
     """Values (B · S, \\*shape) about B values: after steps of spread · ε, ε ~ N(0, 1), but of the first start none."""
     space, shape = variable.space, variable.raw_shape
-    noise = torch.stack([torch.randn(num_starts, *shape, generator=rng) for rng in rngs]).to(values)
+    noise = torch.stack([torch.randn(num_starts, *shape, generator=rng, dtype=torch.float32) for rng in rngs]).to(
+        values
+    )
     noise[:, 0] = 0
     raw = space.to_raw(values).repeat_interleave(num_starts, 0)
     return space.to_value(space.retract(raw, spread * noise.flatten(0, 1)))

@@ -42,6 +42,6 @@ class EncoderPosterior(Initializer):
 
     @staticmethod
     def _noise(num_starts: int, code_dim: int, rng: torch.Generator) -> Tensor:
-        noise = torch.randn(num_starts, code_dim, generator=rng)
+        noise = torch.randn(num_starts, code_dim, generator=rng, dtype=torch.float32)
         noise[0] = 0
         return noise

@@ -37,5 +37,5 @@ class Uniform(Initializer):
         rngs: Sequence[torch.Generator],
     ) -> Variables:
         shape = variables[self.on[0]].shape
-        share = torch.cat([torch.rand(num_starts, *shape, generator=rng) for rng in rngs])
+        share = torch.cat([torch.rand(num_starts, *shape, generator=rng, dtype=torch.float32) for rng in rngs])
         return {self.on[0]: self.low + (self.high - self.low) * share}

@@ -1,15 +1,18 @@
 """Model files: those that come with kfit, and how models are read and written."""
 
-from kfit.models.files import read_checkpoint, read_model, write_model
+from kfit.models.files import read_card, read_checkpoint, read_model, write_model
 from kfit.models.load import bundled, load
 from kfit.models.released import load_released, released_values
+from kfit.models.released_model import released_model
 
 __all__ = [
     "bundled",
     "load",
     "load_released",
+    "read_card",
     "read_checkpoint",
     "read_model",
+    "released_model",
     "released_values",
     "write_model",
 ]

@@ -1,13 +1,15 @@
-"""Model files: safetensors beside a JSON card, read as data and never as code."""
+"""Model files: safetensors with a card in the metadata, read as data and never as code."""
 
 from __future__ import annotations
 
 import importlib
+import io
+import json
 import math
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import torch
 from safetensors import SafetensorError
@@ -18,7 +20,7 @@ from torch.overrides import TorchFunctionMode
 from kfit.core import Encoder, Generator
 from kfit.generators import ExtentsHead
 from kfit.geometry import PoseNetwork
-from kfit.pose.card import NETWORKS, OPTIONAL, Card
+from kfit.pose.card import LARGEST, NETWORKS, OPTIONAL, Card
 from kfit.runtime.atomic_write import atomic_write
 from kfit.runtime.class_paths import current_path
 from kfit.runtime.torch_file import LARGEST_WEIGHTS, read_torch
@@ -49,17 +51,21 @@ OWN = {
 MAKERS = (torch.empty, torch.zeros, torch.ones, torch.rand, torch.randn, torch.full)
 # Numbers that the networks of even the smallest file may have: constants that it does not hold, and a margin.
 ROOM = 16_000_000
+# The card's name in the metadata. Files of version 0.1 lack it; their card is NAME.json in the same folder.
+METADATA = "kfit_card"
+# Bytes; no more are read by safetensors either.
+LARGEST_HEADER = 100_000_000
 
 
 def write_model(path: Path, networks: dict[str, nn.Module], card: Card) -> None:
-    """Write ``path`` (.safetensors, half precision) and its card beside it, both or neither."""
+    """Write networks, in half precision, and their card as one file, which appears whole or not at all."""
     numbers = {
         f"{name}.{key}": (tensor.half() if tensor.is_floating_point() else tensor).contiguous()
         for name, network in networks.items()
         for key, tensor in network.state_dict().items()
     }
-    card_name = path.with_suffix(".json").name
-    atomic_write(path.parent, {path.name: lambda place: place.write_bytes(save(numbers)), card_name: card.write})
+    content = save(numbers, {METADATA: card.to_json()})
+    atomic_write(path.parent, {path.name: lambda place: place.write_bytes(content)})
 
 
 def read_model(path: Path) -> tuple[dict[str, nn.Module], Card]:
@@ -69,19 +75,63 @@ def read_model(path: Path) -> tuple[dict[str, nn.Module], Card]:
         FileNotFoundError: if a file is missing.
         ValueError: if one is damaged, or the weights do not fit the networks that the card names.
     """
-    if not path.is_file():
-        raise FileNotFoundError(f"no model at {path}; train one with `lightning fit` and pack it with `kfit pack`")
-    card = Card.read(path.with_suffix(".json"))
-    if (size := path.stat().st_size) > LARGEST_WEIGHTS:
-        raise ValueError(f"{path} has {size:,} bytes, more than the {LARGEST_WEIGHTS >> 30} GB that a model may have")
+    _check_file(path)
+    content = path.read_bytes()  # once, so that weights and card are of one file even while it is replaced
     try:
         # `load_file` of safetensors 0.8.0 leaks 7 kB of Python's numbers each time that it reads such a file.
-        numbers = load(path.read_bytes())
+        numbers = load(content)
     except (SafetensorError, OSError, KeyError, ValueError) as error:  # KeyError for types that PyTorch has not
         raise ValueError(f"{path} is damaged or no safetensors file: {error}") from None
+    card = _card(io.BytesIO(content), path)
     names = [*NETWORKS, *(name for name in OPTIONAL if name in card.networks)]
     networks = {name: _filled(card.networks.get(name), name, numbers, path) for name in names}
     return networks, card
+
+
+def read_card(path: str | Path) -> Card:
+    """Read a model's card without its weights.
+
+    >>> from kfit.models.load import BUNDLED
+    >>> read_card(BUNDLED / "mug.safetensors").symmetry
+    'none'
+
+    Raises:
+        FileNotFoundError: if there is no such file.
+        ValueError: if it holds no card that can be used.
+    """
+    path = Path(path)
+    _check_file(path)
+    with path.open("rb") as file:
+        return _card(file, path)
+
+
+def _check_file(path: Path) -> None:
+    if not path.is_file():
+        raise FileNotFoundError(f"no model at {path}; train one with `lightning fit` and pack it with `kfit pack`")
+    if (size := path.stat().st_size) > LARGEST_WEIGHTS:
+        raise ValueError(f"{path} has {size:,} bytes, more than the {LARGEST_WEIGHTS >> 30} GB that a model may have")
+
+
+def _card(file: BinaryIO, path: Path) -> Card:
+    """The card in a safetensors file's metadata; of a file without one, the JSON file next to it."""
+    length = int.from_bytes(file.read(8), "little")
+    try:
+        if length > LARGEST_HEADER:
+            raise ValueError(f"its header has {length:,} bytes, more than {LARGEST_HEADER:,}")
+        metadata = json.loads(file.read(length)).get("__metadata__", {})
+    except (ValueError, RecursionError, AttributeError) as error:
+        raise ValueError(f"{path} is damaged or no safetensors file: {error}") from None
+    if isinstance(metadata, dict) and METADATA in metadata:
+        return Card.of_json(str(metadata[METADATA]), path)
+    old = path.with_suffix(".json")
+    if not old.is_file():
+        raise ValueError(f"{path} holds no model card, and there is none at {old}, where version 0.1 kept it")
+    with old.open("rb") as text:
+        content = text.read(LARGEST + 1)
+    try:
+        return Card.of_json(content.decode(), old)
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{old} holds no model card: {error}") from None
 
 
 def read_checkpoint(path: Path, names: Sequence[str] = NETWORKS) -> tuple[dict[str, nn.Module], dict[str, Any]]:
@@ -102,6 +152,8 @@ def read_checkpoint(path: Path, names: Sequence[str] = NETWORKS) -> tuple[dict[s
         raise FileNotFoundError(f"no checkpoint at {path}")
     try:
         saved = read_torch(path)
+        if isinstance(saved, dict) and "netG" in saved:
+            raise ValueError("it is a released one of neural_object_fitting, which `kfit pack --category` takes")
         said, numbers = dict(saved["hyper_parameters"]), dict(saved["state_dict"])
         saved["datamodule_hyper_parameters"]["category"]
     except (ValueError, TypeError, KeyError, IndexError) as error:
@@ -128,7 +180,8 @@ def _filled(said: Any, name: str, numbers: Mapping[Any, Any], path: Path) -> nn.
     if not all(isinstance(tensor, Tensor) for tensor in own.values()):
         raise ValueError(f"{path} holds something else than tensors for the {name}")
     try:
-        with _Limited(ROOM + 4 * sum(tensor.numel() for tensor in own.values())):
+        # What a constructor draws is replaced by the file's numbers; the caller's random numbers stay as they are.
+        with torch.random.fork_rng([]), _Limited(ROOM + 4 * sum(tensor.numel() for tensor in own.values())):
             network: nn.Module = kind(**said.get("init_args", {}))
     except Exception as error:  # somebody's own class may raise anything
         reason = " ".join(str(error).split()) or type(error).__name__
@@ -139,7 +192,7 @@ def _filled(said: Any, name: str, numbers: Mapping[Any, Any], path: Path) -> nn.
         network.load_state_dict(own)  # halves become floats again
     except RuntimeError:
         raise ValueError(f"{path} does not fit its card: the weights are not those of the {name} named there") from None
-    return network.eval()
+    return network.float().eval()  # whatever torch's default type is
 
 
 def _kind(class_path: str) -> Any:

@@ -5,8 +5,11 @@ from __future__ import annotations
 import logging
 from pathlib import Path
 
+import torch
+
 from kfit.models.files import read_model
 from kfit.pose.category_model import CategoryModel
+from kfit.runtime.devices import safe_after_fork
 
 _log = logging.getLogger(__name__)
 BUNDLED = Path(__file__).parent / "bundled"
@@ -17,8 +20,12 @@ def bundled() -> list[str]:
     return sorted(path.stem for path in BUNDLED.glob("*.safetensors"))
 
 
+@safe_after_fork()
+@torch.inference_mode(False)
 def load(model: str | Path) -> CategoryModel:
     """Load a bundled model by its category, or one of your own by the path of its .safetensors file.
+
+    Its networks compute in single precision, whatever torch's default type is. Torch's random numbers stay as they are.
 
     Raises:
         ValueError: for a category without a bundled model, or a damaged file.

@@ -13,6 +13,7 @@ from kfit.data.rasterizer import DISTANCE
 from kfit.data.shapes import VERSION
 from kfit.geometry import CATEGORIES
 from kfit.models.files import read_checkpoint, read_model, write_model
+from kfit.models.released_model import released_model
 from kfit.pose.card import Card
 
 
@@ -22,40 +23,49 @@ def pack(
     pose_head: Path | None = None,
     pose_weight: float = 2.0,
     command: str | None = None,
+    category: str | None = None,
 ) -> None:
-    """Write a model file and its card.
+    """Write a model file.
 
     Args:
-        checkpoint: of `kfit.training.ConditionalVAE`.
-        out: path of the .safetensors file; the card lies beside it.
+        checkpoint: of `kfit.training.ConditionalVAE`, or with a category a released one.
+        out: path of the .safetensors file.
         pose_head: a checkpoint of `kfit.training.PoseTraining`, or a model's file, whose head is taken.
         pose_weight: of the pose head in a fit, at least 0.
         command: the training command, for the card.
+        category: of a released checkpoint, which does not name it; see `kfit.models.released_model`.
 
     Raises:
         FileNotFoundError: if a file is missing.
         ValueError: for a file that is no such checkpoint, or a pose head of another category.
     """
-    networks, saved = read_checkpoint(checkpoint)
+    if category is None:
+        networks, card = _trained(checkpoint, command)
+    else:
+        networks, card = released_model(checkpoint, category)
+    card.pose_weight = pose_weight
+    if pose_head is not None:
+        networks["pose_head"], card.networks["pose_head"], of, trained = _head(pose_head)
+        if of != card.category:
+            raise ValueError(f"--pose-head is of category {of}, the checkpoint of {card.category}")
+        card.training["pose_head"] = trained
+    write_model(out, networks, card)
+
+
+def _trained(path: Path, command: str | None) -> tuple[dict[str, nn.Module], Card]:
+    """Networks of a checkpoint of `lightning fit`, and a card of their training."""
+    networks, saved = read_checkpoint(path)
     model, data = saved["hyper_parameters"], _told(saved)
     category = CATEGORIES[data["category"]]
-    named = {name: model[name] for name in networks}
-    also: dict[str, object] = {}
-    if pose_head is not None:
-        networks["pose_head"], named["pose_head"], of, trained = _head(pose_head)
-        if of != category.name:
-            raise ValueError(f"--pose-head is of category {of}, the checkpoint of {category.name}")
-        also = {"pose_head": trained}
-    card = Card(
+    return networks, Card(
         category=category.name,
-        networks=named,
+        networks={name: model[name] for name in networks},
         distance=DISTANCE,
         unit_fraction=category.unit_fraction,
         elevation_deg=category.elevation_deg,
         axes=category.axes,
         symmetry=category.symmetry,
         mean_diagonal=category.mean_diagonal,
-        pose_weight=pose_weight,
         training={
             "command": command or "not told",
             "data": data | {"shapes_version": VERSION},
@@ -64,10 +74,8 @@ def pack(
             "kl_weight": model["kl_weight"],
             "kfit": __version__,
             "torch": torch.__version__,
-        }
-        | also,
+        },
     )
-    write_model(out, networks, card)
 
 
 def _head(path: Path) -> tuple[nn.Module, dict[str, Any], str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -10,6 +11,7 @@ from torch import Tensor
 from kfit.core import Variables
 from kfit.core.check import check_shape
 from kfit.generators import VAE3D, ConvEncoder
+from kfit.geometry import azimuth_from_released
 from kfit.runtime.torch_file import read_torch
 
 # Their names of the layers, in the order of kfit's.
@@ -25,10 +27,14 @@ def load_released(path: str | Path) -> tuple[VAE3D, ConvEncoder]:
     They compute what the released code does: pictures and codes to 1e-4. Pictures are in [0, 1], kfit's range, not in
     [−1, 1]; the generator draws no mask, as theirs did not. `released_values` takes their numbers to kfit's variables.
 
-    What differs is taken up by the weights, once. Their tanh is 2σ(2x) − 1, so the last layer is doubled. Their
-    standard deviation is the unbiased one, so the spreads shrink by √((n − 1)/n). Their grid turns the volume by
-    Ry(azimuth) · Rx(elevation) with y down, which is kfit's elevation once the volume's depth is reversed, and the
-    other sense of azimuth. Their convolutions of stride 1 are transposed ones. The spectral norm uᵀWv is divided out.
+    The object stands in NOCS's axes, in the released code a quarter-turn about y away; see
+    `kfit.geometry.azimuth_from_released`.
+
+    What differs is taken up by the weights, once. The learned volume and the kernels that enlarge it are turned by that
+    quarter-turn. Their tanh is 2σ(2x) − 1, so the last layer is doubled. Their standard deviation is the unbiased one,
+    so the spreads shrink by √((n − 1)/n). Their grid turns the volume by Ry(azimuth) · Rx(elevation) with y down, which
+    is kfit's elevation once the volume's depth is reversed, and the other sense of azimuth. Their convolutions of
+    stride 1 are transposed ones. The spectral norm uᵀWv is divided out.
 
     Raises:
         FileNotFoundError: if there is no such file.
@@ -46,8 +52,8 @@ def load_released(path: str | Path) -> tuple[VAE3D, ConvEncoder]:
     try:
         numbers_g, numbers_e = _generator(theirs_g), _encoder(theirs_e)
         code_dim = theirs_g["mlp0.fc.weight"].shape[1]
-        generator = VAE3D.paper(code_dim, mask=False)
-        encoder = ConvEncoder(code_dim, (64, 128, 256, 512), tint_grid=0, instance_norm=True, bounded=True)
+        sizes = released_sizes(code_dim)
+        generator, encoder = VAE3D(**sizes["generator"]), ConvEncoder(**sizes["encoder"])
         generator.load_state_dict(numbers_g)
         encoder.load_state_dict(numbers_e)
     except KeyError as error:
@@ -57,14 +63,30 @@ def load_released(path: str | Path) -> tuple[VAE3D, ConvEncoder]:
     return generator.eval(), encoder.eval()
 
 
+def released_sizes(code_dim: int) -> dict[str, dict[str, Any]]:
+    """Arguments of `VAE3D` and `ConvEncoder`, by the networks' names, that make networks of the released sizes."""
+    generator = {"volume_dims": [512, 128, 64], "projection_dim": 1024, "decoder_dims": [256, 64]}
+    return {
+        "generator": {"code_dim": code_dim, **generator, "rectified": True, "mask": False},
+        "encoder": {
+            "code_dim": code_dim,
+            "channels": [64, 128, 256, 512],
+            "tint_grid": 0,
+            "instance_norm": True,
+            "bounded": True,
+        },
+    }
+
+
 def released_values(
     z: Tensor, elevation_deg: Tensor, azimuth_deg: Tensor, angle: Tensor, tx: Tensor, ty: Tensor, scale: Tensor
 ) -> Variables:
-    """What the released code's numbers are in the variables of `kfit.generators.SimilarityWarp` around its generator.
+    """Convert the released code's numbers to the variables of `kfit.generators.SimilarityWarp` around its generator.
 
-    Its azimuth turns the other way than kfit's, its shift is applied before the turn and the scaling, along −x and y,
-    and its scale shrinks. Its warp leaves what comes from outside the picture white at once, where kfit's blends over
-    half a pixel.
+    `kfit.geometry.to_opencv` of the rotation by these angles is what the released eval.py reports: NOCS's. For the
+    azimuth see `kfit.geometry.azimuth_from_released`. The released shift is applied before the turn and the scaling,
+    along −x and y, and the released scale shrinks. The released warp leaves what comes from outside the picture white
+    at once, where kfit's blends over half a pixel.
 
     Args:
         z: (N, D) code.
@@ -82,7 +104,7 @@ def released_values(
     shift = torch.stack([-(cos * tx + sin * ty), cos * ty - sin * tx], -1) * (63 / 64)
     return {
         "code": z,
-        "azimuth": -azimuth_deg.deg2rad(),
+        "azimuth": azimuth_from_released(azimuth_deg.deg2rad()),
         "elevation": elevation_deg.deg2rad(),
         "roll": angle,
         "shift": shift,
@@ -91,9 +113,10 @@ def released_values(
 
 
 def _generator(theirs: dict[str, Tensor]) -> dict[str, Tensor]:
-    ours = {"constant": theirs["shape_code"].flip(2)}
+    ours = {"constant": _in_nocs_axes(theirs["shape_code"])}
     for index, name in enumerate(LIFTS):
-        ours |= {f"lift.{index}.weight": theirs[f"{name}.weight"].flip(2), f"lift.{index}.bias": theirs[f"{name}.bias"]}
+        ours[f"lift.{index}.weight"] = _in_nocs_axes(theirs[f"{name}.weight"])
+        ours[f"lift.{index}.bias"] = theirs[f"{name}.bias"]
     # (C · D, out) → (out, C · D), each channel's depths reversed.
     project = theirs["proj.0.weight"][:, :, 0, 0].unflatten(0, (-1, 16)).flip(1).flatten(0, 1).T
     ours |= {"project.weight": project[:, :, None, None], "project.bias": theirs["proj.0.bias"]}
@@ -108,6 +131,11 @@ def _generator(theirs: dict[str, Tensor]) -> dict[str, Tensor]:
             mean, std = theirs[f"mlp{index}.fc.{part}"].chunk(2)
             ours[f"styles.{index}.affine.{part}"] = torch.cat([mean, std * ((count - 1) / count) ** 0.5])
     return ours
+
+
+def _in_nocs_axes(volume: Tensor) -> Tensor:
+    """Reverse the depth of a volume or kernel (…, …, D, H, W) and turn it by a quarter-turn about y."""
+    return volume.flip(2).rot90(-1, (2, 4))
 
 
 def _encoder(theirs: dict[str, Tensor]) -> dict[str, Tensor]:

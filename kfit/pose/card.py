@@ -1,4 +1,4 @@
-"""What a model file says about itself."""
+"""What a model file holds about its networks: the model card."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ FORMAT = 1
 KINDS = ("RGB", "RGB-D")
 NETWORKS = ("generator", "encoder", "extents")
 OPTIONAL = ("pose_head",)
-# Bytes; the bundled ones have some thousands.
+# Characters; the bundled ones have some thousands.
 LARGEST = 10_000_000
 
 
 @dataclass
 class Card:
-    """The JSON beside a model's weights.
+    """What is known about a model, stored as JSON in the metadata of its file.
 
     Attributes:
         category: one of the NOCS categories.
@@ -74,32 +74,33 @@ class Card:
         """The category's entry in `kfit.geometry.CATEGORIES`."""
         return CATEGORIES[self.category]
 
-    def write(self, path: Path) -> None:
-        """Write the card as JSON."""
-        path.write_text(json.dumps(asdict(self), indent=2) + "\n")
+    def to_json(self) -> str:
+        """The card as text, which `of_json` reads."""
+        return json.dumps(asdict(self), indent=2)
 
     @staticmethod
-    def read(path: Path) -> Card:
-        """Read a card.
+    def of_json(text: str, path: Path) -> Card:
+        """Read a card from its text.
+
+        Args:
+            text: JSON.
+            path: of the file that holds it, for messages.
 
         Raises:
-            FileNotFoundError: if there is no such file.
             ValueError: if it is not a card of this version.
         """
-        if not path.is_file():
-            raise FileNotFoundError(f"no model card at {path}; a model is two files, NAME.safetensors and NAME.json")
-        if (size := path.stat().st_size) > LARGEST:
-            raise ValueError(f"{path} is not a model card: it has {size:,} bytes, more than {LARGEST:,}")
+        if len(text) > LARGEST:
+            raise ValueError(f"{path} holds no model card: it has {len(text):,} characters, more than {LARGEST:,}")
         try:
-            said = json.loads(path.read_text(encoding="utf-8"))
+            said = json.loads(text)
         except (ValueError, RecursionError) as error:
-            raise ValueError(f"{path} is not a model card: {error}") from None
+            raise ValueError(f"{path} holds no model card: {error}") from None
         names = {f.name for f in fields(Card)}
         if isinstance(said, dict):
             said = {"calibration": {}, **said}  # cards from before there were any
         if not isinstance(said, dict) or set(said) != names or said["format"] != FORMAT:
             raise ValueError(
-                f"{path} is not a model card of format {FORMAT}: it must hold just {', '.join(sorted(names))}"
+                f"{path} holds no model card of format {FORMAT}: it must have just {', '.join(sorted(names))}"
             )
         try:
             check_dict("calibration", said["calibration"], _anything)
@@ -110,7 +111,7 @@ class Card:
         try:
             card = Card(**{**said, "calibration": calibration})
         except (ValueError, TypeError) as error:
-            raise ValueError(f"{path} is a model card that cannot be used: {error}") from None
+            raise ValueError(f"{path} holds a model card that cannot be used: {error}") from None
         card.elevation_deg = (card.elevation_deg[0], card.elevation_deg[1])
         return card
 

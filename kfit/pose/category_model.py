@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
+from torch import Tensor, nn
 
 from kfit.callbacks import Pruning
 from kfit.core import (
@@ -36,6 +36,7 @@ from kfit.pose.interpretation import interpret
 from kfit.pose.observed_object import ObservedObject
 from kfit.pose.result import PoseResult
 from kfit.pose.views import Box, PhotoLike, observed_views, triangulated_diagonal
+from kfit.runtime.devices import safe_after_fork
 from kfit.segmentation import Segmenter
 
 
@@ -68,10 +69,15 @@ class CategoryModel:
 
     def to(self, device: str | torch.device) -> CategoryModel:
         """Move its networks to a device, where its fits run from then on; returns itself."""
-        for network in (self.generator, self.encoder, self.extents, self.pose_head):
-            if network is not None:
-                network.to(device)
+        for network in self.networks.values():
+            network.to(device)
         return self
+
+    @property
+    def networks(self) -> dict[str, nn.Module]:
+        """Its networks by their names in the card, as `kfit.models.write_model` takes them."""
+        networks = {"generator": self.generator, "encoder": self.encoder, "extents": self.extents}
+        return networks if self.pose_head is None else networks | {"pose_head": self.pose_head}
 
     def pipeline(
         self,
@@ -90,7 +96,8 @@ class CategoryModel:
         poses. Adam at the released rates, which fall from step to step; E = features of EfficientNet-Lite0 + 2 · SSIM
         + 5 · silhouette + 0.02 · code prior + the card's pose weight · what the pose head says, and where there is
         depth 4 · its difference in mean box diagonals.
-        ``kfit bench energies`` compares others with the first three.
+        ``kfit bench energies`` compares others with the first three. A generator that draws no mask is fitted without
+        the silhouette.
 
         Args:
             num_starts, num_steps: as in `kfit.FitPipeline`.
@@ -104,7 +111,7 @@ class CategoryModel:
             raise ValueError("depth and views were both given; a fit of several photos is of colour alone")
         warped: Generator = SimilarityWarp(self.generator)
         parts, weights, initializers, rates = default_parts(
-            self.encoder, self.pose_head, self.card, depth, default_energies() if energies is None else energies
+            self.encoder, self.pose_head, self.card, depth, self._default_energies() if energies is None else energies
         )
         if views is not None:
             warped = MultiView(warped, self.image_size, self.card.unit_fraction)
@@ -122,6 +129,21 @@ class CategoryModel:
             num_candidates=(16 if self.pose_head is None else 4) * num_starts,
         ).to(self.device)
 
+    def _default_energies(self) -> dict[str, tuple[Energy, float]]:
+        """The default energies, without those of fields that the generator does not draw."""
+        return {name: given for name, given in default_energies().items() if given[0].on in self.drawn}
+
+    @cached_property
+    def drawn(self) -> frozenset[str]:
+        """Fields that its generator draws: ``image``, and ``mask`` and ``depth`` where it can."""
+        like = next(self.encoder.parameters())
+        zeros = {name: like.new_zeros(1, *variable.shape) for name, variable in self.generator.variables.items()}
+        with torch.no_grad():
+            rendering: Rendering = self.generator(**zeros)
+        return frozenset(name for name, field in vars(rendering).items() if field is not None)
+
+    @safe_after_fork()
+    @torch.inference_mode(False)
     def pose(
         self,
         image: PhotoLike | Sequence[PhotoLike],
@@ -197,6 +219,7 @@ class CategoryModel:
             diagonal = diagonal_at(values["distance"], shift, scale, crop, camera, unit)
         return *pose_from_crop(*angles, shift, scale, crop, camera, diagonal, unit), diagonal
 
+    @safe_after_fork()
     def draw(self, values: Variables) -> Rendering:
         """What N values of a fit look like, on the CPU and without a gradient."""
         warped = SimilarityWarp(self.generator)
@@ -239,6 +262,7 @@ class CategoryModel:
             raise FitError("every start of the fit became NaN or infinite")
         return answer
 
+    @safe_after_fork()
     def answers(self, fit: FitResult, seen: Sequence[ObservedObject]) -> list[PoseResult | None]:
         """What a fit says of the objects that were seen, one problem each; None where every start failed."""
         with torch.no_grad():

@@ -137,12 +137,12 @@ def confidence(
 
 
 def _looks_energy(fit: FitResult, energy: float, known: Calibration) -> float:
-    """What of a winner's energy are terms that a calibration knows; 0 if the fit lacks one of them."""
-    history, weights = fit.history, known.fits["weights"]
+    """Weighted sum of the terms that a calibration knows, where the winner had ``energy``; 0 if the fit lacks one."""
+    history, weights, start = fit.history, known.fits["weights"], int(fit.start[0])
     if not set(weights) <= set(history.terms):
         return 0.0
-    winner = int((history.energy.double() - energy).abs().nan_to_num(torch.inf).argmin())
-    return float(sum(weight * history.terms[name].flatten()[winner] for name, weight in weights.items()))
+    step = int((history.energy[:, 0, start].double() - energy).abs().nan_to_num(torch.inf).argmin())
+    return float(sum(weight * history.terms[name][step, 0, start] for name, weight in weights.items()))
 
 
 def how_fitted(fit: FitResult, weights: dict[str, float]) -> dict[str, Any]:

@@ -29,11 +29,11 @@ def animate(result: PoseResult, path: str | Path) -> Path:
     """Write an animation whose frames are the steps; an MP4, in VP9, repeats the last for two seconds.
 
     Args:
-        result: of a fit of one photo.
+        result: of a photo.
         path: ends in .gif or .mp4.
 
     Raises:
-        ValueError: for a path that ends otherwise, and as `kfit.reports.fit_frames.fit_frames` does.
+        ValueError: for a path that that ends otherwise.
         OSError: if the video cannot be written.
     """
     check_suffix(path)

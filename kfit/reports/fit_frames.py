@@ -37,18 +37,12 @@ def fit_frames(result: PoseResult) -> FitFrames:
     """Draw the winner's values at all steps, in one call of the generator.
 
     Args:
-        result: of a fit of one photo.
+        result: of a photo.
 
     Raises:
-        ValueError: if several objects were fitted at once, whose steps are not told apart, or not every step was
-            recorded.
+        ValueError: if not every step was recorded.
     """
     fit, history = result.fit, result.fit.history
-    if history.energy.shape[1] != 1:
-        raise ValueError(
-            f"result must come from a fit of one object, as `pose` makes it, got one of {history.energy.shape[1]} that "
-            "were fitted together"
-        )
     if history.value_stride != 1:
         raise ValueError("result must come from a fit that recorded the values of every step, with history=True")
     start = int(fit.start[0])

@@ -37,9 +37,6 @@ def report(result: PoseResult, path: str | Path = "report.html", command: str | 
         result: of `kfit.pose.CategoryModel.pose`.
         path: of the file.
         command: that made it, to be named.
-
-    Raises:
-        ValueError: if several objects were fitted at once.
     """
     place = Path(path)
     text = page(result, command)

@@ -6,18 +6,15 @@ import os
 import shutil
 import time
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager
-from functools import partial
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from typing import Any
 
 import torch
 from torch import nn
 from torch.utils._python_dispatch import TorchDispatchMode
 
-# A forked process would wait forever for OpenMP's threads, which are its parent's: PyTorch hangs there in the first
-# operation that wants more than one.
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=partial(torch.set_num_threads, 1))
+# The process that imported this file.
+_FIRST_PROCESS = os.getpid()
 
 
 def device_of(name: str) -> torch.device:
@@ -93,6 +90,16 @@ def one_thread() -> Iterator[None]:
         yield
     finally:
         torch.set_num_threads(before)
+
+
+@contextmanager
+def safe_after_fork() -> Iterator[None]:
+    """Have PyTorch compute with one thread in a ``with`` statement or decorated function, in a forked process only.
+
+    There the first operation that wants more would wait forever for OpenMP's threads, which are the parent's.
+    """
+    with nullcontext() if os.getpid() == _FIRST_PROCESS else one_thread():
+        yield
 
 
 class Operations(TorchDispatchMode):

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import torch
 from lightning import Trainer
+from model_file import card_of, put_card
 from nocs_lookalike import SHAPE, write_frames
 
 from kfit.batch.dataset_fit import DatasetFit
@@ -133,7 +134,7 @@ def test_other_settings_and_other_models_are_refused(nocs, models, tmp_path):
     fit(NOCSFit(nocs, "real_test"), out, models)
     with pytest.raises(ValueError, match="holds results of other settings, seed 0 there and 1 now"):
         fit(NOCSFit(nocs, "real_test"), out, models, seed=1)
-    models["mug"].with_suffix(".json").write_text(models["mug"].with_suffix(".json").read_text() + "\n")
+    put_card(models["mug"], card_of(models["mug"]) | {"axes": "y is up"})
     with pytest.raises(ValueError, match=r"model of mug \w+ there and \w+ now"):
         fit(NOCSFit(nocs, "real_test"), out, models)
 

@@ -11,7 +11,7 @@ from nocs_lookalike import write_frames
 from kfit.bench.accuracy_page import mean_of, objects_section, views_section
 from kfit.cli.main import main
 from kfit.generators import ConvEncoder, ExtentsHead, RadianceField
-from kfit.models import write_model
+from kfit.models import read_card, write_model
 from kfit.pose import Card
 
 QUICK = ["--starts", "2", "--steps", "1"]
@@ -68,9 +68,9 @@ def test_all_sources_are_printed_noted_in_the_card_and_written(
     assert all(f"({name})" in page for name in sheets)
     assert cv2.imread(str(tmp_path / "out" / sheets[0])).std() > 10
     assert told["objects"][0]["RGB-D"]["translation_cm"] >= 0
-    card = json.loads(tiny.with_suffix(".json").read_text())
-    assert len(card["accuracy"]) == 3
-    assert card["accuracy"]["unseen procedural objects, held-out families"]["all views"]["number"] == 2
+    accuracy = read_card(tiny).accuracy
+    assert len(accuracy) == 3
+    assert accuracy["unseen procedural objects, held-out families"]["all views"]["number"] == 2
 
 
 @pytest.mark.parametrize(

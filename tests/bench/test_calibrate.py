@@ -43,14 +43,15 @@ def test_calibrate_writes_the_card_and_prints_a_table_that_check_repeats_on_othe
     said = capsys.readouterr().out
     assert "by cross-validation" in said
     assert "calibration error" in said
-    written = model.with_suffix(".json").read_bytes()
+    assert [path.name for path in model.parent.iterdir()] == ["tiny.safetensors"]
+    written = model.read_bytes()
     one = load(model).card.calibration["RGB"]
     assert (one.views, one.measured["seed"]) == (8, 7)
     assert (one.fits["starts"], one.fits["steps"], one.fits["left"]) == (3, 2, 3)
     assert not any(isinstance(weight, Schedule) for weight in one.fits["weights"].values())
     main(["calibrate", "--model", str(model), "--views", "2", "--seed", "0", "--check"])
     assert "views have an energy above the card's" in capsys.readouterr().out
-    assert model.with_suffix(".json").read_bytes() == written
+    assert model.read_bytes() == written
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,6 @@ from skimage.io import imread, imsave
 
 from kfit.cli.main import main
 from kfit.data import build, pose_view
-from kfit.models.load import BUNDLED
 
 
 @pytest.fixture(scope="module")
@@ -81,7 +80,6 @@ def test_a_users_mistake_gets_one_sentence_and_writes_nothing(
     text.write_text("no picture")
     imsave(empty, np.zeros((128, 128), np.uint8), check_contrast=False)
     damaged.write_bytes(b"1234")
-    damaged.with_suffix(".json").write_bytes((BUNDLED / "mug.json").read_bytes())
     mug = ["--category", "mug", "--out", str(tmp_path / "out")]
     for words, sentence in [
         (["nothing.jpg", *mug], "nothing.jpg"),

@@ -1,6 +1,7 @@
 import json
 
 import pytest
+from model_file import card_of
 from safetensors.numpy import load_file
 
 from kfit import __version__
@@ -20,7 +21,7 @@ def test_json_is_pure_and_tells_what_cards_and_weights_tell(capsys):
     assert [model["category"] for model in told["models"]] == ["bottle", "bowl", "camera", "can", "laptop", "mug"]
     mug = told["models"][-1]
     assert mug["parameters"] == sum(numbers.size for numbers in load_file(info.BUNDLED / "mug.safetensors").values())
-    card = json.loads((info.BUNDLED / "mug.json").read_text())
+    card = card_of(info.BUNDLED / "mug.safetensors")
     views = card["accuracy"]["unseen procedural objects, held-out families"]["all views"]
     assert mug["median_rotation_error_deg"] == views["median"]
     assert mug["under_10_deg"] == views["under_10"]

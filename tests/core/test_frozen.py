@@ -60,8 +60,11 @@ def test_shared_parameters_stay_shared():
     assert twin[0].weight is twin[1].weight
 
 
-def test_a_twin_made_in_inference_mode_can_be_fitted_outside_it(network):
+@pytest.mark.parametrize("inside", ["twin", "network"])
+def test_a_twin_made_in_inference_mode_can_be_fitted_outside_it(network, inside):
     with torch.inference_mode():
+        if inside == "network":
+            network = nn.Sequential(nn.Linear(3, 4), nn.BatchNorm1d(4), nn.Linear(4, 2))
         twin = frozen(network)
     x = torch.randn(5, 3, requires_grad=True)
     twin(x).sum().backward()

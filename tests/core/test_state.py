@@ -144,9 +144,10 @@ class TestARecorder:
 
 def test_of_a_fit_of_several_problems_one_can_be_had_alone():
     values, rows = {"x": torch.tensor([1.0, 2.0])}, torch.tensor([0, 1, 1, 0])
+    path = torch.arange(12.0).view(3, 2, 2)
     result = FitResult(
         values, torch.tensor([0.1, 0.2]), torch.tensor([3, 4]), rows, torch.arange(4), torch.arange(4.0),
-        {"x": torch.arange(4.0)}, History(torch.zeros(0), {}, {}),
+        {"x": torch.arange(4.0)}, History(path, {"a": 2 * path}, {"x": 3 * path}), [(0, 1, 2), (1, 0, 1)], 24,
     )  # fmt: skip
     one = result.of(1)
     assert one.values == {"x": torch.tensor([2.0])}
@@ -154,3 +155,8 @@ def test_of_a_fit_of_several_problems_one_can_be_had_alone():
     assert one.all_problem.tolist() == [0, 0]
     assert one.all_start.tolist() == [1, 2]
     assert one.all_values["x"].tolist() == [1.0, 2.0]
+    assert one.history.energy.tolist() == [[[2, 3]], [[6, 7]], [[10, 11]]]
+    assert torch.equal(one.history.terms["a"], 2 * one.history.energy)
+    assert torch.equal(one.history.values["x"], 3 * one.history.energy)
+    assert one.dropped == [(0, 0, 1)]
+    assert one.num_evaluations == 24

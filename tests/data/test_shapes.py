@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from kfit.data.rasterizer import Light, pose_view
-from kfit.data.shapes import CATEGORIES, build
+from kfit.data.shapes import CATEGORIES, build, laptop
 
 EVEN = Light(np.ones(3), np.zeros((0, 3)), np.zeros((0, 3)))
 BOTH = pytest.mark.parametrize("held_out", [False, True], ids=["train", "held out"])
@@ -79,7 +79,8 @@ def test_a_positive_elevation_shows_the_inside_of_a_mug():
 
 
 @BOTH
-def test_a_laptops_screen_faces_plus_x_and_its_base_is_low(held_out):
+def test_a_laptops_screen_faces_plus_x_and_its_base_is_low(held_out, monkeypatch):
+    monkeypatch.setattr("kfit.data.shapes.laptop._opening_deg", lambda rng: 108.0)
     for seed in range(5):
         mesh, _ = build("laptop", seed, held_out)
         low, high = mesh.bounds
@@ -89,6 +90,15 @@ def test_a_laptops_screen_faces_plus_x_and_its_base_is_low(held_out):
         assert front[:, 1].max() < low[1] + 0.35 * (high[1] - low[1])
         screen = (mesh.normals[:, 0] > 0.5) & (mesh.vertices[:, 1] > 0)
         assert screen.sum() > 20
+
+
+def test_laptops_stand_at_every_angle_of_the_hinge():
+    heights = [build("laptop", seed)[0].extents[1] for seed in range(30)]
+    assert min(heights) < 0.25
+    assert max(heights) > 0.5
+    opening = [laptop._opening_deg(np.random.default_rng(seed)) for seed in range(200)]
+    assert min(opening) < 20
+    assert max(opening) > 165
 
 
 @BOTH

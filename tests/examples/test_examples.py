@@ -82,7 +82,7 @@ def test_a_bent_picture_is_straightened(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_an_optimizer_of_torch_s_inverts_a_generator(tmp_path: Path) -> None:
     mean, found = numbers(r"([\d.]+) for", run("invert_a_generator.py", tmp_path))
-    assert found < 0.7 * mean
+    assert found < 0.8 * mean
 
 
 @pytest.mark.slow

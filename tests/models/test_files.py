@@ -1,23 +1,24 @@
 from __future__ import annotations
 
-import json
+import os
 import sys
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 import torch
+from model_file import as_version_01, card_of, put_card
+from safetensors.torch import load, save
 
 import kfit
 from kfit.generators import PoseHead
 from kfit.geometry import CATEGORIES
-from kfit.models import bundled, read_checkpoint, read_model, write_model
-from kfit.pose import Card, CategoryModel
+from kfit.models import bundled, read_card, read_checkpoint, read_model, write_model
+from kfit.pose import CategoryModel
 
 
 def edit(path: Path, **changes: object) -> None:
-    card = path.with_suffix(".json")
-    card.write_text(json.dumps(json.loads(card.read_text()) | changes))
+    put_card(path, card_of(path) | changes)
 
 
 def test_a_written_model_draws_the_same_pictures_to_half_precision(tiny_model: CategoryModel, tiny_file: Path) -> None:
@@ -44,7 +45,7 @@ def test_a_model_keeps_its_pose_head(tiny_model: CategoryModel, tmp_path: Path) 
 
 
 def test_writing_leaves_no_temporary_file(tiny_file: Path) -> None:
-    assert sorted(path.name for path in tiny_file.parent.iterdir()) == ["tiny.json", "tiny.safetensors"]
+    assert [path.name for path in tiny_file.parent.iterdir()] == ["tiny.safetensors"]
 
 
 def test_a_truncated_file_gets_a_sentence(tiny_file: Path) -> None:
@@ -56,13 +57,14 @@ def test_a_truncated_file_gets_a_sentence(tiny_file: Path) -> None:
 def test_a_missing_model_or_card_gets_a_sentence(tiny_file: Path) -> None:
     with pytest.raises(FileNotFoundError, match="no model at"):
         read_model(tiny_file.with_name("other.safetensors"))
-    tiny_file.with_suffix(".json").unlink()
-    with pytest.raises(FileNotFoundError, match="no model card at"):
-        read_model(tiny_file)
+    tiny_file.write_bytes(save(load(tiny_file.read_bytes())))
+    for read in (read_model, read_card):
+        with pytest.raises(ValueError, match=r"tiny\.safetensors holds no model card, and there is none at"):
+            read(tiny_file)
 
 
 def test_a_card_that_names_other_sizes_gets_a_sentence(tiny_file: Path) -> None:
-    networks = json.loads(tiny_file.with_suffix(".json").read_text())["networks"]
+    networks = card_of(tiny_file)["networks"]
     networks["encoder"]["init_args"]["channels"] = [8, 8, 8, 16]
     edit(tiny_file, networks=networks)
     with pytest.raises(ValueError, match="does not fit its card: the weights are not those of the encoder"):
@@ -74,7 +76,7 @@ def test_a_card_that_names_other_sizes_gets_a_sentence(tiny_file: Path) -> None:
     ["os.system", "subprocess.Popen", "antigravity.fly", "kfit.fitting.pipeline.FitPipeline.of", "torch.nn.nothing"],
 )
 def test_a_card_can_neither_import_a_module_nor_call_a_function(tiny_file: Path, class_path: str) -> None:
-    networks = json.loads(tiny_file.with_suffix(".json").read_text())["networks"]
+    networks = card_of(tiny_file)["networks"]
     edit(tiny_file, networks=networks | {"generator": {"class_path": class_path, "init_args": {}}})
     with pytest.raises(ValueError, match="no network of kfit, nor of a module imported before"):
         read_model(tiny_file)
@@ -83,11 +85,47 @@ def test_a_card_can_neither_import_a_module_nor_call_a_function(tiny_file: Path,
 
 def test_a_card_of_another_layout_gets_a_sentence(tiny_file: Path) -> None:
     edit(tiny_file, format=99)
-    with pytest.raises(ValueError, match="is not a model card of format 1"):
+    with pytest.raises(ValueError, match="holds no model card of format 1"):
         read_model(tiny_file)
+    put_card(tiny_file, "{")
+    with pytest.raises(ValueError, match=r"tiny\.safetensors holds no model card: Expecting"):
+        read_card(tiny_file)
+
+
+def test_a_pair_of_files_of_version_0_1_is_read(tiny_model: CategoryModel, tiny_file: Path) -> None:
+    as_version_01(tiny_file)
+    assert read_card(tiny_file) == kfit.load(tiny_file).card == tiny_model.card
     tiny_file.with_suffix(".json").write_text("{")
-    with pytest.raises(ValueError, match="is not a model card"):
-        Card.read(tiny_file.with_suffix(".json"))
+    with pytest.raises(ValueError, match=r"tiny\.json holds no model card"):
+        kfit.load(tiny_file)
+
+
+def test_a_card_of_another_model_in_the_same_folder_is_not_taken(tiny_model: CategoryModel, tiny_file: Path) -> None:
+    tiny_file.with_suffix(".json").write_text(replace(tiny_model.card, category="can").to_json())
+    assert kfit.load(tiny_file).card.category == "mug"
+
+
+def test_weights_and_card_stay_together_while_the_file_is_replaced(tiny_model: CategoryModel, tmp_path: Path) -> None:
+    path, asides = tmp_path / "model.safetensors", {}
+    for number, category in enumerate(("mug", "can")):
+        with torch.no_grad():
+            tiny_model.extents.layers[-1].bias.fill_(number)
+        asides[category] = tmp_path / f"{category}.safetensors"
+        write_model(asides[category], tiny_model.networks, replace(tiny_model.card, category=category))
+    os.link(asides["mug"], path)
+    read = Path.read_bytes
+
+    def replaced_meanwhile(place: Path) -> bytes:
+        content = read(place)
+        asides["can"].replace(path)
+        return content
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Path, "read_bytes", replaced_meanwhile)
+        first = kfit.load(path)
+    for category, model in (("mug", first), ("can", kfit.load(path))):
+        assert model.card.category == category
+        assert (model.extents.layers[-1].bias == (category == "can")).all()
 
 
 def test_an_unknown_category_lists_those_known() -> None:

@@ -1,45 +1,32 @@
 """Released checkpoints: the same pictures, codes and warps as the released code's, from the same numbers.
 
 ``released_reference/reference.npz`` was computed with xuchen-ethz/neural_object_fitting@7309348 in evaluation mode
-(align_corners=True, as PyTorch 1.1 did) on the weights that `rule` makes.
+(align_corners=True, as PyTorch 1.1 did) on the weights of `released_weights`.
 """
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from released_weights import released_weights
+from scipy.spatial.transform import Rotation
 from torch import nn
 
 from kfit.core import Rendering
 from kfit.generators import SimilarityWarp
 from kfit.generators.similarity_warp import warp
+from kfit.geometry import rotation_from_angles, to_opencv
 from kfit.models import load_released, released_values
 
 HERE = Path(__file__).parent / "released_reference"
 
 
-def rule(shapes):
-    """Weights of which the reference values were computed."""
-    made = {}
-    for index, name in enumerate(sorted(shapes)):
-        tensor = torch.randn(shapes[name], generator=torch.Generator().manual_seed(index))
-        if name.endswith(("_u", "_v")):
-            tensor = tensor / tensor.norm()
-        elif name == "shape_code":
-            tensor = tensor * 0.5
-        else:
-            tensor = tensor * (0.05 if tensor.dim() > 1 else 0.02)
-        made[name] = tensor
-    return made
-
-
 @pytest.fixture(scope="module")
 def theirs():
-    return {name: rule(shapes) for name, shapes in json.loads((HERE / "shapes.json").read_text()).items()}
+    return released_weights()
 
 
 @pytest.fixture(scope="module")
@@ -108,6 +95,16 @@ def test_the_warp_is_the_released_code_s(reference, values):
     assert inside.float().mean() > 0.5
     assert float(apart[inside].max()) < 1e-4
     assert ((apart[~inside] > 1e-4).sum() / apart.numel()) < 0.02
+
+
+def test_rotations_are_those_that_the_released_code_reports(reference, values):
+    # Its eval.py, with half-turns ax, ay, az: Euler "yxz" of (−ay − ½, ax + 1, −az) · 180°.
+    elevation, azimuth, _ = reference["angles_deg"].double().unbind(1)
+    roll = reference["warp_angle"][:, 0].double().rad2deg()
+    euler = torch.stack([-azimuth - 90, elevation + 180, -roll], 1)
+    expected = Rotation.from_euler("yxz", euler.numpy(), degrees=True).as_matrix()
+    found = rotation_from_angles(*(values[name].double() for name in ("azimuth", "elevation", "roll")))
+    np.testing.assert_allclose(to_opencv(found), expected, atol=1e-6)
 
 
 def test_their_numbers_are_values_of_a_similarity_warp_around_the_generator(networks, values):

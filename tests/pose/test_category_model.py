@@ -199,7 +199,7 @@ def test_translations_are_measured_from_where_the_objects_were_drawn(tiny_model:
     rows = torch.arange(2)
     fit = FitResult(
         {**values, "distance": views.translation[:, 2].float()}, torch.zeros(2), 0 * rows, rows, 0 * rows,
-        torch.zeros(2), {**values}, History(torch.zeros(0), {}, {}),
+        torch.zeros(2), {**values}, History(torch.zeros(1, 2, 1), {}, {}),
     )  # fmt: skip
     assert translation_errors(tiny_model, views, [fit]).max() < 1e-4
     nearer = replace(fit, values={**fit.values, "distance": views.translation[:, 2].float() - 0.1})

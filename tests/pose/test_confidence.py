@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -8,11 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from model_file import card_of, put_card
 
 import kfit
 from kfit.core import FitResult, History
 from kfit.geometry import Crop
-from kfit.pose import Alternative, Card, CategoryModel
+from kfit.models import read_card
+from kfit.pose import Alternative, CategoryModel
 from kfit.pose.calibrating import calibrate, calibrated, cross_validated, reliability
 from kfit.pose.confidence import Calibration, confidence, evidence, how_fitted
 from kfit.pose.observed_object import cut_off, too_small
@@ -156,7 +157,8 @@ def test_a_poor_drawing_is_told_where_the_fit_is_the_model_s_own() -> None:
 def test_a_poor_drawing_of_the_look_is_told_where_fits_with_depth_have_no_calibration() -> None:
     terms = {"l1": torch.tensor([[[9.0, 0.5]], [[3.0, 0.1]]]), "depth": torch.ones(2, 1, 2)}
     fit = replace(fit_of(), history=History(terms["l1"] + terms["depth"], terms, {}))
-    for energy, poor in ((4.0, True), (1.1, False)):
+    for start, energy, poor in ((0, 4.0, True), (1, 1.1, False)):
+        fit = replace(fit, start=torch.tensor([start]))
         known = Calibration(1.0, {}, 2.0, {**FITS, "weights": {"l1": 1.0}}, 9)
         said, note = confidence(None, fit, found(energy=energy), None, known)
         assert said == (0.5 if poor else 0.9)
@@ -165,26 +167,36 @@ def test_a_poor_drawing_of_the_look_is_told_where_fits_with_depth_have_no_calibr
         assert ("explains the look of the picture poorly" in note) == poor
 
 
+def test_of_equal_energies_the_look_of_the_own_problem_counts() -> None:
+    look = torch.tensor([[[9.0], [1.0]]])
+    terms, rows = {"l1": look, "depth": 10 - look}, torch.arange(2)
+    fit = replace(
+        fit_of(), energy=torch.full((2,), 10.0), start=rows * 0, all_problem=rows, all_start=rows * 0,
+        all_energy=torch.full((2,), 10.0), history=History(torch.full((1, 2, 1), 10.0), terms, {}),
+    )  # fmt: skip
+    known = Calibration(1.0, {}, 2.0, {**FITS, "weights": {"l1": 1.0}}, 9)
+    for problem, expected in ((0, 0.5), (1, 0.9)):
+        assert confidence(None, fit.of(problem), found(energy=10.0), None, known)[0] == expected
+
+
 def test_a_card_keeps_its_calibrations(tiny_file: Path) -> None:
     made, right, _ = made_up(30)
     told = [{"energy": one["x"], "looks": one["y"]} for one in made]
-    path = tiny_file.with_suffix(".json")
-    card = Card.read(path)
+    card = read_card(tiny_file)
     assert card.calibration == {}
     card.calibration["RGB"] = calibrate(told, right, list(range(30)), FITS, 7)
-    card.write(path)
-    again = Card.read(path).calibration["RGB"]
+    put_card(tiny_file, card.to_json())
+    again = read_card(tiny_file).calibration["RGB"]
     assert again == card.calibration["RGB"]
     assert again.views == 30
     assert again.energy_99 == pytest.approx(28.71)
 
 
 def test_a_card_from_before_calibrations_is_read(tiny_file: Path) -> None:
-    path = tiny_file.with_suffix(".json")
-    said = json.loads(path.read_text())
+    said = card_of(tiny_file)
     del said["calibration"]
-    path.write_text(json.dumps(said))
-    assert Card.read(path).calibration == {}
+    put_card(tiny_file, said)
+    assert read_card(tiny_file).calibration == {}
 
 
 GOOD = {"bias": 0.0, "coefficients": {"energy": 1.0}, "energy_99": 1.0, "fits": FITS, "views": 9, "measured": {}}
@@ -203,11 +215,10 @@ GOOD = {"bias": 0.0, "coefficients": {"energy": 1.0}, "energy_99": 1.0, "fits": 
     ],
 )
 def test_a_calibration_that_cannot_be_used_gets_a_sentence(tiny_file: Path, wrong: object, sentence: str) -> None:
-    path = tiny_file.with_suffix(".json")
-    path.write_text(json.dumps(json.loads(path.read_text()) | {"calibration": wrong}))
+    put_card(tiny_file, card_of(tiny_file) | {"calibration": wrong})
     with pytest.raises(ValueError, match=sentence) as refused:
-        Card.read(path)
-    assert "tiny.json holds a calibration that cannot be used" in str(refused.value)
+        read_card(tiny_file)
+    assert "tiny.safetensors holds a calibration that cannot be used" in str(refused.value)
 
 
 def test_a_pose_has_calibrated_confidence_in_the_model_s_own_fit_alone(tiny_model: CategoryModel) -> None:

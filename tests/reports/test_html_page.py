@@ -7,9 +7,13 @@ from pathlib import Path
 
 import pytest
 import torch
-from fitted import STARTS, STEPS, fitted_mug
+from fitted import KEPT, PRUNED_AT, STARTS, STEPS, fitted_mug
 
 import kfit
+from kfit.callbacks import Pruning
+from kfit.core import Observation
+from kfit.pose.observed_object import ObservedObject as ObservedObject
+from kfit.reports.fit_frames import fit_frames
 from kfit.reports.html_page import number, page
 
 NASTY = "<script>alert('1')</script> & <b>bold</b>"
@@ -125,11 +129,20 @@ def test_report_writes_the_page_and_tells_where(tmp_path: Path) -> None:
     assert [path.name for path in place.parent.iterdir()] == ["out.html"]
 
 
-def test_a_fit_of_several_objects_is_refused() -> None:
-    result = fitted_mug()
-    history = replace(result.fit.history, energy=result.fit.history.energy.repeat(1, 3, 1))
-    with pytest.raises(ValueError, match=r"fit of one object.* got one of 3"):
-        page(replace(result, fit=replace(result.fit, history=history)))
+def test_an_answer_from_a_fit_of_several_objects_has_a_page_of_its_own() -> None:
+    alone = fitted_mug()
+    model, found = kfit.load("mug"), fitted_mug().observation
+    other = Observation(found.field("image").flip(3), found.field("mask").flip(3))
+    both = Observation(
+        *(torch.cat([one.field(name) for one in (other, found)]) for name in ("image", "mask")), keys=(1, 0)
+    )
+    observed = ObservedObject.of(alone.image, "mug", 64, mask=alone.mask)
+    pipeline = model.pipeline(STARTS, STEPS, [Pruning({PRUNED_AT: KEPT})])
+    answers = model.answers(pipeline(both, seed=0), [observed, observed])
+    assert answers[1] is not None
+    frames, expected = fit_frames(answers[1]), fit_frames(alone)
+    assert frames.energy == pytest.approx(expected.energy, rel=1e-3)
+    assert Tags(page(answers[1])).said.count("start") == Tags(page(alone)).said.count("start")
 
 
 def test_numbers_have_a_true_minus_and_no_negative_zero() -> None:

@@ -98,7 +98,7 @@ def commands(here: Path) -> dict[str, Command]:
     pose = ["pose", str(photo), "--category", "laptop"]
 
     def calibrate() -> None:
-        if not Path("tiny.json").exists():
+        if not Path("tiny.safetensors").exists():
             write_tiny(Path("tiny.safetensors"))
         main(["calibrate", "--model", "tiny.safetensors", "--views", "2"])
 

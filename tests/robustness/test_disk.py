@@ -42,8 +42,8 @@ WRITTEN = {
     "gif": {"kfit_out/pose.json", "kfit_out/overlay.png", "fit.gif"},
     "mp4": {"kfit_out/pose.json", "kfit_out/overlay.png", "fit.mp4"},
     "video": {"kfit_out/poses.json", "kfit_out/overlay.webm"},
-    "model": {"models/tiny.safetensors", "models/tiny.json"},
-    "calibrate": {"tiny.safetensors", "tiny.json"},
+    "model": {"models/tiny.safetensors"},
+    "calibrate": {"tiny.safetensors"},
     "evaluate": {"scores/scores.md", "scores/scores.csv", "scores/scores.json", "scores/curves.png"},
     "bench": {"page/README.md"},
 }

@@ -1,76 +1,15 @@
-"""Bottles: lofted bodies of round, oval or square section with necks, caps, pumps and labels."""
+"""Bottles: lofted bodies of round, oval or square section with necks, handles, tops, labels and undersides."""
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 import numpy as np
 
 from kfit.data.mesh import Mesh, join
-from kfit.data.shapes import bottle_tops, colors, prints, textures
-from kfit.data.shapes.primitives import circle, plate, revolve, rounded_rectangle, sheet, smooth
+from kfit.data.shapes import bottle_tops, colors, prints, textures, undersides
+from kfit.data.shapes.bottle_forms import HELD_OUT_SHAPES, SHAPES, Form
+from kfit.data.shapes.placing import turn_y
+from kfit.data.shapes.primitives import circle, plate, revolve, rounded_rectangle, sheet, smooth, tube
 
-
-@dataclass(frozen=True)
-class Form:
-    """A family: radius at rising heights (both 0 to 1), body height over width, depth over width, section and tops.
-
-    ``profile`` runs from the foot to where the top begins; ``section`` is "round", "oval" or "square".
-    """
-
-    profile: tuple[tuple[float, float], ...]
-    height: tuple[float, float]
-    section: str
-    tops: tuple[str, ...]
-    depth: tuple[float, float] = (1.0, 1.0)
-    label: tuple[float, float] = (0.15, 0.65)
-
-
-SHAPES = {
-    "wine": Form(
-        ((1, 0), (1, 0.3), (1, 0.58), (0.85, 0.66), (0.36, 0.76), (0.33, 1)), (3.2, 4.2), "round", ("cork", "screw")
-    ),
-    "beer": Form(((1, 0), (1, 0.3), (1, 0.52), (0.82, 0.62), (0.42, 0.78), (0.38, 1)), (3.0, 3.9), "round", ("crown",)),
-    "water": Form(
-        ((0.96, 0), (1, 0.2), (0.93, 0.4), (1, 0.55), (0.98, 0.68), (0.6, 0.88), (0.36, 1)),
-        (2.6, 3.6),
-        "round",
-        ("screw",),
-    ),
-    "shampoo": Form(
-        ((0.95, 0), (1, 0.2), (0.99, 0.6), (0.92, 0.82), (0.6, 0.97), (0.4, 1)),
-        (1.8, 2.8),
-        "oval",
-        ("flip", "screw", "pump"),
-        (0.45, 0.75),
-    ),
-    "pump": Form(((0.98, 0), (1, 0.3), (1, 0.8), (0.75, 0.95), (0.4, 1)), (1.5, 2.4), "round", ("pump",)),
-    "square": Form(
-        ((1, 0), (1, 0.4), (1, 0.78), (0.75, 0.9), (0.4, 1)), (1.6, 2.6), "square", ("screw", "pump"), (0.6, 1.0)
-    ),
-    "sports": Form(
-        ((0.93, 0), (1, 0.15), (0.88, 0.55), (0.98, 0.75), (0.85, 1)), (2.0, 2.8), "round", ("spout", "screw")
-    ),
-    "tube": Form(((0.97, 0), (1, 0.1), (1, 0.6), (1, 0.95), (0.9, 1)), (2.4, 3.4), "round", ("wide",)),
-}
-HELD_OUT_SHAPES = {
-    "sauce": Form(
-        ((0.85, 0), (1, 0.15), (0.95, 0.5), (0.8, 0.7), (0.5, 0.9), (0.4, 1)),
-        (2.2, 3.0),
-        "oval",
-        ("nozzle",),
-        (0.5, 0.75),
-    ),
-    "flask": Form(
-        ((1, 0), (1, 0.35), (0.98, 0.7), (0.55, 0.85), (0.5, 1)), (2.2, 3.2), "square", ("wide",), (0.5, 0.8)
-    ),
-    "bulb": Form(
-        ((0.75, 0), (1, 0.2), (0.95, 0.42), (0.5, 0.62), (0.34, 0.8), (0.34, 1)),
-        (2.2, 3.0),
-        "round",
-        ("cork", "nozzle"),
-    ),
-}
 TEXTURES: dict[str, tuple[textures.Family, float]] = {
     "plain": (textures.plain, 3.0),
     "gradient": (textures.gradient, 1.0),
@@ -94,31 +33,42 @@ def build(rng: np.random.Generator, held_out: bool) -> Mesh:
     form = shapes[str(rng.choice(list(shapes)))]
     family = textures.choose(rng, HELD_OUT_TEXTURES if held_out else TEXTURES)
     height = float(rng.uniform(*form.height))
-    base = _body_color(rng)
+    base = _body_color(rng, form.tone)
     section = _section(rng, form)
-    controls = np.array(form.profile) * [0.5, height] * (1 + rng.normal(0, 0.02, (len(form.profile), 1)) * [1, 0])
-    profile = smooth(controls, 56)
-    corner = rng.uniform(0.02, 0.08)
-    lifted = np.clip(1 - profile[:, 1] / corner, 0, 1)
-    profile[:, 0] -= corner * 0.7 * (1 - np.sqrt(1 - lifted**2))
+    profile = _profile(rng, form, shapes, height, blended=not held_out)
     neck = float(profile[-1, 0])
-    # The neck is round whatever the body's section: the section blends into a circle where the body narrows.
     skin = family(rng, base, (256, 384))
-    parts = [_loft(profile, section, neck, skin), plate(section * profile[0, 0], 0.0, textures.solid(base * 0.8), -1)]
-    if (rng.random() < 0.7 and not held_out) or (held_out and rng.random() < 0.4):
+    body = _loft(profile, section, neck, skin, form.flatten)
+    label = (rng.random() < 0.7 and not held_out) or (held_out and rng.random() < 0.4)
+    parts = [body]
+    if form.handle == "side":
+        # A label would bridge the hole, so it stays below.
+        parts = [_pinched(body, height), _side_handle(rng, height, base)]
+    elif form.handle == "loop":
+        parts.append(_loop_handle(rng, profile, height, base))
+    if label:
         parts.append(_label(rng, form, profile, section, height, base))
-    parts += bottle_tops.build(rng, str(rng.choice(form.tops)), neck, height, base)
-    return join(parts)
+    parts += _base(rng, form, profile, section, base)
+    if form.tops == ("none",):
+        end = body.vertices.reshape(len(profile), -1, 3)[-1][:, [0, 2]]
+        parts.append(plate(end, height, textures.solid(base)))
+        return join(parts)
+    top = bottle_tops.build(rng, str(rng.choice(form.tops)), neck, height, base)
+    if form.section != "round" and rng.random() < 0.7:  # a spray's head lies in the plane of the wide face
+        top = [part.transformed(turn_y(-np.pi / 2)) for part in top]
+    return join(parts + top)
 
 
-def _body_color(rng: np.random.Generator) -> np.ndarray:
-    """Dark or green glass, clear plastic, white plastic, or any colour."""
+def _body_color(rng: np.random.Generator, tone: str) -> np.ndarray:
+    """Dark or green glass, clear plastic, white plastic, steel, or any colour."""
     kind = rng.random()
-    if kind < 0.2:
-        return colors.hue(rng, float(rng.uniform(0.06, 0.4)), (0.4, 0.9), (0.08, 0.4))
-    if kind < 0.35:
+    if tone == "steel" and kind < 0.45:
+        return colors.metal(rng)
+    if kind < (0.7 if tone == "glass" else 0.12):
+        return colors.hue(rng, float(rng.uniform(0.06, 0.4)), (0.3, 0.9), (0.06, 0.4))
+    if kind < (0.6 if tone == "clear" else 0.2 if tone == "any" else 0.85):
         return colors.hue(rng, float(rng.uniform(0.4, 0.62)), (0.03, 0.2), (0.65, 0.92))
-    if kind < 0.6:
+    if kind < (0.7 if tone == "clear" else 0.5):
         return colors.white(rng)
     return colors.any_color(rng, whites=0.1)
 
@@ -128,23 +78,89 @@ def _section(rng: np.random.Generator, form: Form) -> np.ndarray:
     depth = float(rng.uniform(*form.depth))
     if form.section == "square":
         return rounded_rectangle(2 * depth, 2.0, rng.uniform(0.15, 0.6) * depth, 12)
-    return circle(48) * [depth, 1.0]
+    oval: np.ndarray = circle(48) * [depth, 1.0]
+    return oval
 
 
-def _loft(profile: np.ndarray, section: np.ndarray, neck: float, texture: np.ndarray) -> Mesh:
+def _profile(rng: np.random.Generator, form: Form, shapes: dict[str, Form], height: float, blended: bool) -> np.ndarray:
+    """Radius and height from the rounded foot up; two in five of training are part-way to another family's."""
+    controls = np.array(form.profile) * [0.5, 1.0]
+    curve = smooth(controls * (1 + rng.normal(0, 0.025, (len(controls), 1)) * [1, 0]), 56)
+    if blended and rng.random() < 0.4 and form.base != "cap" and not form.handle:
+        others = [other for other in shapes.values() if other.section == form.section and other.base != "cap"]
+        other = smooth(np.array(others[rng.integers(len(others))].profile) * [0.5, 1.0], 56)
+        curve = curve + rng.uniform(0.1, 0.5) * (other - curve)
+    curve[:, 0] *= 0.5 / curve[:, 0].max()
+    curve[:, 1] = height * curve[:, 1].clip(0, 1)
+    corner = rng.uniform(0.02, 0.08)
+    lifted = np.clip(1 - curve[:, 1] / corner, 0, 1)
+    curve[:, 0] -= corner * 0.7 * (1 - np.sqrt(1 - lifted**2))
+    return curve
+
+
+def _loft(profile: np.ndarray, section: np.ndarray, neck: float, texture: np.ndarray, flatten: float) -> Mesh:
     """The body, whose section becomes a circle as it narrows to the neck; without narrowing it stays."""
-    mesh = revolve(profile, texture, section=section)
-    points = mesh.vertices.reshape(len(profile), len(section), 3)
     angle = np.arctan2(section[:, 0], section[:, 1])
     round_section = np.stack([np.sin(angle), np.cos(angle)], axis=1)
     width = float(profile[:, 0].max())
     top = np.arange(len(profile)) > int(np.argmax(profile[:, 0] > 0.97 * width))
     share = np.clip((0.9 * width - profile[:, 0]) / max(0.9 * width - neck, 1e-3), 0, 1) * top
-    blended = section[None] + (round_section - section)[None] * share[:, None, None]
-    grid = np.stack(
-        [profile[:, :1] * blended[..., 0], points[..., 1].astype(np.float64), profile[:, :1] * blended[..., 1]], axis=-1
-    )
-    return sheet(grid, texture)
+    blended = section[None] + (round_section - section)[None] * (share * (flatten == 0))[:, None, None]
+    flat = 1 - flatten * (profile[:, 1] / profile[-1, 1]) ** 1.5
+    x, z = profile[:, :1] * blended[..., 0] * flat[:, None], profile[:, :1] * blended[..., 1]
+    return sheet(np.stack([x, np.broadcast_to(profile[:, 1:], x.shape), z], axis=-1), texture)
+
+
+def _pinched(body: Mesh, height: float) -> Mesh:
+    """The body with its +z side drawn in where a hand reaches through."""
+    y, z = body.vertices[:, 1] / height, body.vertices[:, 2]
+    bump = np.clip((y - 0.38) / 0.1, 0, 1) * np.clip((0.95 - y) / 0.12, 0, 1)
+    moved = body.vertices.copy()
+    moved[:, 2] = np.where(z > 0, z * (1 - 0.55 * bump), z)
+    grid = moved.reshape(56, -1, 3)
+    return sheet(grid, body.texture)
+
+
+def _side_handle(rng: np.random.Generator, height: float, color: np.ndarray) -> Mesh:
+    """The grip of a jug, from its belly up to its shoulder, on the +z side."""
+    reach = 0.5 - rng.uniform(0.07, 0.1)
+    heights = np.array([0.34, 0.42, 0.55, 0.68, 0.8, 0.88]) * height
+    out = np.array([reach * 0.8, reach, reach, reach * 0.96, reach * 0.7, 0.12])
+    path = smooth(np.stack([out, heights, np.zeros(6)], axis=1), 20)
+    grip = tube(path, [rng.uniform(0.06, 0.085), rng.uniform(0.07, 0.11)], textures.solid(color), 14)
+    return grip.transformed(turn_y(-np.pi / 2))
+
+
+def _loop_handle(rng: np.random.Generator, profile: np.ndarray, height: float, color: np.ndarray) -> Mesh:
+    """A small ring from the neck to the shoulder, along +z."""
+    low, high = height * rng.uniform(0.68, 0.74), height * rng.uniform(0.92, 0.97)
+    inner = np.interp([low, high], profile[:, 1], profile[:, 0])
+    reach = rng.uniform(0.38, 0.46)
+    corners = [(inner[0] * 0.95, low), (reach, (2 * low + high) / 3), (reach * 0.95, high), (inner[1] * 0.8, high)]
+    path = smooth(np.array([(*corner, 0.0) for corner in corners]), 18)
+    ring = tube(path, [0.035, rng.uniform(0.035, 0.06)], textures.solid(color), 10)
+    return ring.transformed(turn_y(-np.pi / 2))
+
+
+def _base(
+    rng: np.random.Generator, form: Form, profile: np.ndarray, section: np.ndarray, color: np.ndarray
+) -> list[Mesh]:
+    """What it stands on."""
+    radius = float(profile[0, 0])
+    if form.base == "cap":
+        cap = colors.any_color(rng, whites=0.5)
+        tile, tall = textures.solid(cap), rng.uniform(0.2, 0.45)
+        wide = radius * rng.uniform(0.8, 1.02)
+        side = np.array([(wide, -tall), (wide, -tall / 2), (wide * 0.98, 0.0)])
+        under = undersides.standing_ring(rng, wide, -tall, 0.03, (cap, cap * 0.8), section, 0.15)
+        shoulder = np.array([(wide * 0.98, 0.0), (radius, 0.001)])
+        return [revolve(side, tile, section=section), revolve(shoulder, tile, section=section), *under]
+    if form.base == "petals" and rng.random() < 0.7:
+        return undersides.petals(radius, 0.0, 0.1, color * 0.9, int(rng.integers(5, 7)))
+    deep = form.base == "punt" and rng.random() < 0.8
+    depth, dome = (0.04, rng.uniform(0.08, 0.3)) if deep else (rng.uniform(0.01, 0.04), rng.choice([0.0, 0.0, 0.03]))
+    width = rng.uniform(0.08, 0.25)
+    return undersides.standing_ring(rng, radius, 0.0, depth, (color * 0.95, color * 0.8), section, width, float(dome))
 
 
 def _label(
@@ -161,8 +177,11 @@ def _label(
     stop = height * rng.uniform(high * 0.75, high)
     # Where the body narrows its section turns round, and a label would sink into it.
     wide = profile[profile[:, 0] > 0.93 * profile[:, 0].max(), 1]
+    stop = min(stop, height * 0.36) if form.handle == "side" else stop
     stop = max(min(stop, float(wide.max())), start + 0.1 * height)
     rows = np.linspace(start, stop, 14)
-    band = np.stack([np.interp(rows, profile[:, 1], profile[:, 0]) + 0.01, rows], axis=1)
-    texture = prints.label(rng, base, (160, 448))
-    return revolve(band, texture, section=section)
+    radius = np.interp(rows, profile[:, 1], profile[:, 0])[:, None] + 0.01
+    flat = 1 - form.flatten * (rows / height)[:, None] ** 1.5
+    x = radius * section[:, 0] * flat + 0.01 * np.sign(section[:, 0]) * (1 - flat)
+    points = np.stack([x, np.broadcast_to(rows[:, None], x.shape), radius * section[:, 1]], axis=-1)
+    return sheet(points, prints.label(rng, base, (160, 448)))

@@ -1,11 +1,11 @@
-"""What closes a bottle: screw caps, flip caps, corks, crown caps, pumps, spouts and nozzles."""
+"""What closes a bottle: screw caps, flip caps, corks, crown caps, spouts, nozzles and carrying loops, or nothing."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from kfit.data.mesh import Mesh
-from kfit.data.shapes import colors, textures
+from kfit.data.shapes import bottle_sprays, colors, textures
 from kfit.data.shapes.primitives import revolve, smooth, tube
 
 
@@ -14,7 +14,7 @@ def build(rng: np.random.Generator, kind: str, neck: float, height: float, body:
 
     Args:
         rng: Source of randomness.
-        kind: screw, flip, wide, cork, crown, pump, spout or nozzle.
+        kind: screw, flip, wide, loop, cork, crown, spout, nozzle, pull or open, or one of ``bottle_sprays``.
         neck: Radius of the neck.
         height: Where the neck ends.
         body: The bottle's colour.
@@ -40,27 +40,36 @@ def build(rng: np.random.Generator, kind: str, neck: float, height: float, body:
             _turned([(wide, 0.0), (wide * 0.98, 0.05), (wide * 0.85, 0.1)], height, tile),
             _lid(wide * 0.85, height + 0.1, tile),
         ]
-    if kind == "pump":
-        return _pump(rng, neck, height, color)
-    if kind in ("spout", "nozzle"):
-        return _spout(rng, neck, height, color, kind == "nozzle")
-    tall = {"screw": (0.14, 0.3), "flip": (0.2, 0.45), "wide": (0.25, 0.6)}[kind]
+    if kind in bottle_sprays.KINDS:
+        return bottle_sprays.build(rng, kind, neck, height, color)
+    if kind == "open":
+        return _mouth(neck, height, body)
+    if kind in ("spout", "nozzle", "pull"):
+        return _spout(rng, neck, height, color, kind)
+    tall = {"screw": (0.14, 0.3), "flip": (0.2, 0.45), "wide": (0.25, 0.6), "loop": (0.2, 0.4)}[kind]
     high = float(rng.uniform(*tall))
     wide = neck * (
         rng.uniform(1.05, 1.25)
         if kind == "screw"
         else rng.uniform(1.0, 1.1)
-        if kind == "wide"
+        if kind in ("wide", "loop")
         else rng.uniform(1.2, 1.6)
     )
     taper = rng.uniform(0.88, 1.0)
     if rng.random() < 0.3:
-        tile = textures.stripes(rng, color, (16, 128)) if kind != "wide" else textures.two_tone(rng, color, (64, 64))
+        tile = textures.stripes(rng, color, (16, 128)) if kind == "screw" else textures.two_tone(rng, color, (64, 64))
     edge = 0.02
     side = [(wide, 0.0), (wide * (1 + taper) / 2, high / 2), (wide * taper, high - edge)]
     bevel = [(wide * taper, high - edge), (wide * taper - edge * 0.3, high - edge * 0.3), (wide * taper - edge, high)]
     plain = textures.solid(color)
+    loop = []
+    if kind == "loop":
+        reach, rise = wide * rng.uniform(0.5, 0.9), rng.uniform(0.2, 0.4)
+        points = [(-reach, 0.0), (-reach, rise * 0.7), (0.0, rise), (reach, rise * 0.7), (reach, 0.0)]
+        path = smooth(np.array([(x, height + high - 0.03 + y, 0.0) for x, y in points]), 22)
+        loop = [tube(path, [0.04, rng.uniform(0.05, 0.12)], plain, 10)]
     return [
+        *loop,
         _turned(side, height, tile),
         _turned(bevel, height, plain),
         _lid(wide * taper - edge, height + high, plain),
@@ -78,41 +87,31 @@ def _lid(radius: float, at: float, texture: np.ndarray) -> Mesh:
     return revolve(np.stack([np.linspace(radius, 0, 5), np.full(5, at)], axis=1), texture, 40)
 
 
-def _pump(rng: np.random.Generator, neck: float, height: float, color: np.ndarray) -> list[Mesh]:
-    """A collar, a stem and a head with a spout that points to +x."""
-    tile = textures.solid(color)
-    collar, stem, head = neck * rng.uniform(1.1, 1.4), neck * rng.uniform(0.25, 0.45), neck * rng.uniform(0.6, 1.0)
-    low, rise, tall = rng.uniform(0.1, 0.22), rng.uniform(0.12, 0.4), rng.uniform(0.08, 0.15)
-    top = low + rise + tall
-    reach = rng.uniform(0.35, 0.7)
-    path = smooth(
-        np.array(
-            [
-                (0, height + top - tall / 2, 0),
-                (reach * 0.7, height + top - tall / 2, 0),
-                (reach, height + top - tall, 0),
-            ]
-        ),
-        14,
-    )
+def _mouth(neck: float, height: float, color: np.ndarray) -> list[Mesh]:
+    """An open mouth: a lip, and a dark inside."""
+    tile, dark = textures.solid(color), textures.solid(color * 0.25)
+    lip = [(neck, -0.12), (neck * 1.15, -0.1), (neck * 1.15, -0.02), (neck, 0.0)]
+    inner = neck * 0.8
+    inside = np.array([(inner, height), (inner, height - 0.2), (inner, height - 0.45)])
     return [
-        _turned([(collar, 0), (collar * 0.98, low / 2), (collar * 0.9, low)], height, tile),
-        _lid(collar * 0.9, height + low, tile),
-        _turned([(stem, low), (stem, low + rise)], height, tile),
-        revolve(np.array([(stem, height + low + rise), (head, height + low + rise)]), tile, 32),
-        _turned([(head, low + rise), (head, low + rise + tall / 2), (head * 0.9, top)], height, tile),
-        _lid(head * 0.9, height + top, tile),
-        tube(path, [tall * 0.4, tall * rng.uniform(0.4, 0.9)], tile, 12),
+        _turned(lip, height, tile),
+        revolve(np.array([(neck, height), (inner, height)]), tile, 40),
+        revolve(inside, dark, 40),
+        _lid(inner, height - 0.45, dark),
     ]
 
 
-def _spout(rng: np.random.Generator, neck: float, height: float, color: np.ndarray, pointed: bool) -> list[Mesh]:
-    """A sports bottle's lid with its mouthpiece, or a sauce bottle's pointed nozzle."""
+def _spout(rng: np.random.Generator, neck: float, height: float, color: np.ndarray, kind: str) -> list[Mesh]:
+    """A sports bottle's lid with its mouthpiece, a sauce bottle's pointed nozzle, or a cap that is pulled open."""
     tile = textures.solid(color)
     other = textures.solid(colors.any_color(rng) if rng.random() < 0.6 else color)
     collar = neck * rng.uniform(1.0, 1.15)
     low = rng.uniform(0.1, 0.25)
-    if pointed:
+    if kind == "pull":
+        tip, rise = neck * rng.uniform(0.4, 0.55), rng.uniform(0.16, 0.26)
+        controls = [(collar * 0.9, low), (tip * 0.7, low + rise * 0.3), (tip, low + rise * 0.6), (tip, low + rise)]
+        cone = smooth(np.array(controls), 14)
+    elif kind == "nozzle":
         tip, rise = neck * rng.uniform(0.12, 0.3), rng.uniform(0.3, 0.6)
         cone = smooth(np.array([(collar * 0.9, low), (neck * 0.6, low + rise * 0.3), (tip, low + rise)]), 10)
     else:

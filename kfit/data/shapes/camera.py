@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from kfit.data.mesh import Mesh, join
-from kfit.data.shapes import camera_parts, colors, prints, textures
-from kfit.data.shapes.placing import FRONT_TO_X, shift
+from kfit.data.shapes import camera_back, camera_parts, colors, prints, textures
+from kfit.data.shapes.placing import FRONT_TO_X, shift, turn_x
 from kfit.data.shapes.primitives import rounded_rectangle, slab
 
 
@@ -20,7 +20,8 @@ from kfit.data.shapes.primitives import rounded_rectangle, slab
 class Form:
     """Ranges in body widths: height, depth, corner radius, the lens's radius over the height and length, its place.
 
-    ``hump`` and ``grip`` are the chances of a prism or flash on top and of a grip.
+    ``hump`` and ``grip`` are the chances of a prism or flash on top and of a grip, ``screen`` that of a display on the
+    back. ``corners`` says from where the outline's corners are rounded: "above" or "front".
     """
 
     height: tuple[float, float]
@@ -31,18 +32,42 @@ class Form:
     lens_place: tuple[float, float]
     hump: float
     grip: float
+    screen: float = 0.9
+    corners: str = "above"
 
 
 SHAPES = {
     "compact": Form((0.55, 0.68), (0.18, 0.28), (0.03, 0.12), (0.28, 0.4), (0.04, 0.25), (-0.02, 0.14), 0.1, 0.3),
+    "pocket": Form(
+        (0.56, 0.64), (0.16, 0.24), (0.04, 0.12), (0.3, 0.42), (0.03, 0.3), (0.02, 0.2), 0.0, 0.2, 1.0, "front"
+    ),
+    "film_compact": Form(
+        (0.52, 0.64), (0.24, 0.36), (0.06, 0.16), (0.22, 0.36), (0.05, 0.22), (-0.06, 0.1), 0.0, 0.3, 0.0, "front"
+    ),
     "reflex": Form((0.6, 0.75), (0.3, 0.45), (0.08, 0.16), (0.36, 0.47), (0.3, 0.95), (-0.02, 0.08), 1.0, 1.0),
-    "rangefinder": Form((0.5, 0.62), (0.2, 0.3), (0.05, 0.14), (0.3, 0.42), (0.12, 0.4), (-0.04, 0.08), 0.05, 0.1),
+    "telephoto": Form((0.62, 0.75), (0.3, 0.42), (0.08, 0.16), (0.38, 0.47), (0.9, 1.3), (-0.02, 0.06), 1.0, 1.0),
+    "film_reflex": Form(
+        (0.55, 0.65), (0.22, 0.34), (0.05, 0.1), (0.36, 0.46), (0.2, 0.55), (-0.03, 0.04), 1.0, 0.1, 0.0
+    ),
+    "rangefinder": Form((0.5, 0.62), (0.2, 0.3), (0.05, 0.14), (0.3, 0.42), (0.12, 0.4), (-0.04, 0.08), 0.05, 0.1, 0.4),
     "bridge": Form((0.62, 0.8), (0.35, 0.6), (0.08, 0.18), (0.36, 0.46), (0.25, 0.7), (0.0, 0.1), 0.8, 1.0),
+    "superzoom": Form((0.66, 0.78), (0.45, 0.62), (0.1, 0.18), (0.38, 0.46), (0.5, 1.0), (0.02, 0.1), 1.0, 1.0),
     "mirrorless": Form((0.55, 0.65), (0.22, 0.34), (0.05, 0.12), (0.36, 0.46), (0.2, 0.7), (0.0, 0.1), 0.45, 0.8),
+    "instant_mini": Form(
+        (0.95, 1.15), (0.38, 0.55), (0.14, 0.3), (0.2, 0.3), (0.08, 0.24), (-0.06, 0.06), 0.0, 0.35, 0.0, "front"
+    ),
+    "action": Form(
+        (0.66, 0.78), (0.36, 0.5), (0.05, 0.12), (0.22, 0.32), (0.04, 0.1), (0.16, 0.24), 0.0, 0.0, 1.0, "front"
+    ),
 }
 HELD_OUT_SHAPES = {
-    "instant": Form((0.75, 1.0), (0.45, 0.65), (0.05, 0.15), (0.22, 0.34), (0.06, 0.2), (-0.05, 0.05), 0.5, 0.0),
+    "instant": Form((0.75, 1.0), (0.45, 0.65), (0.05, 0.15), (0.22, 0.34), (0.06, 0.2), (-0.05, 0.05), 0.5, 0.0, 0.3),
     "studio": Form((0.95, 1.15), (0.45, 0.6), (0.08, 0.15), (0.26, 0.32), (0.3, 0.9), (-0.02, 0.05), 1.0, 1.0),
+    "disposable": Form(
+        (0.52, 0.6), (0.22, 0.32), (0.02, 0.06), (0.16, 0.24), (0.02, 0.06), (-0.04, 0.04), 0.0, 0.0, 0.0, "front"
+    ),
+    "panoramic": Form((0.4, 0.48), (0.2, 0.3), (0.06, 0.12), (0.38, 0.48), (0.15, 0.5), (-0.12, 0.02), 0.2, 0.6),
+    "cube": Form((0.8, 1.0), (0.6, 0.8), (0.06, 0.14), (0.28, 0.4), (0.25, 0.7), (-0.04, 0.04), 0.2, 0.4, 0.5),
 }
 TEXTURES: dict[str, tuple[textures.Family, float]] = {
     "plain": (camera_parts.plain_skin, 2.5),
@@ -65,33 +90,51 @@ def build(rng: np.random.Generator, held_out: bool) -> Mesh:
     height, depth, corner = (float(rng.uniform(*span)) for span in (form.height, form.depth, form.corner))
     base = _body_color(rng, name)
     top = base if rng.random() < 0.7 else colors.metal(rng)
-    outline = rounded_rectangle(1.0, depth, corner)
-    cover = textures.solid(top)
-    parts = slab(
-        outline,
-        0.0,
-        height,
-        rng.uniform(0.02, 0.06),
-        (cover, family(rng, base, (160, 448)), textures.solid(base * 0.8)),
-    )
+    parts = _body(rng, form, family, (height, depth, corner), base, top)
     radius = height * rng.uniform(*form.lens_radius)
     length = float(rng.uniform(*form.lens_length))
     place = (float(rng.uniform(*form.lens_place)), float(height * rng.uniform(0.44, 0.52)), depth / 2)
     trim = base if rng.random() < 0.6 else colors.metal(rng)
     parts += [part.transformed(shift(*place)) for part in camera_parts.lens(rng, radius, length, trim)]
-    if rng.random() < form.hump:
+    humped = rng.random() < form.hump
+    if humped:
         parts += _hump(rng, place[0], height, depth, base)
-    if rng.random() < form.grip:
+    straight = form.corners == "above" or corner < 0.1
+    if rng.random() < form.grip and straight:
         parts += _grip(rng, height, depth, base if rng.random() < 0.5 else colors.black(rng))
-    parts += camera_parts.controls(rng, height, depth, colors.metal(rng) if rng.random() < 0.5 else base * 0.8)
+    if straight:
+        parts += camera_parts.controls(rng, height, depth, colors.metal(rng) if rng.random() < 0.5 else base * 0.8)
     parts += camera_parts.front(rng, height, depth, place[0] + radius, base)
-    parts += camera_parts.rear(rng, height, depth, base)
+    eye = height + 0.04 if humped else height * 0.9 if rng.random() < 0.3 else None
+    parts += camera_back.rear(rng, height, depth, base, form.screen, eye)
+    parts += camera_back.below(rng, 0.46 if form.corners == "above" else 0.47 - min(corner, 0.4 * height), depth, base)
+    parts += camera_back.sides(rng, height, depth, base)
     return join(parts).transformed(FRONT_TO_X)
+
+
+def _body(
+    rng: np.random.Generator,
+    form: Form,
+    family: textures.Family,
+    size: tuple[float, float, float],
+    base: np.ndarray,
+    top: np.ndarray,
+) -> list[Mesh]:
+    """The body of a height, depth and corner radius, its corners rounded as seen from above or from the front."""
+    height, depth, corner = size
+    bevel = rng.uniform(0.02, 0.06)
+    if form.corners == "above":
+        tiles = (textures.solid(top), family(rng, base, (160, 448)), textures.solid(base * 0.8))
+        return slab(rounded_rectangle(1.0, depth, corner), 0.0, height, bevel, tiles)
+    tiles = (family(rng, base, (160, 256)), textures.solid(top), textures.solid(base * 0.9))
+    outline = rounded_rectangle(1.0, height, min(corner, 0.4 * height))
+    standing = shift(0, height / 2, 0) @ turn_x(np.pi / 2)
+    return [part.transformed(standing) for part in slab(outline, -depth / 2, depth / 2, bevel * 1.5, tiles)]
 
 
 def _body_color(rng: np.random.Generator, name: str) -> np.ndarray:
     """Mostly black or silver; compact and instant cameras come in any colour."""
-    if rng.random() < (0.5 if name in ("compact", "instant") else 0.08):
+    if rng.random() < (0.5 if name in ("compact", "instant", "pocket", "instant_mini", "disposable") else 0.08):
         return colors.any_color(rng, 0.25)
     return colors.black(rng) if rng.random() < 0.6 else colors.metal(rng)
 

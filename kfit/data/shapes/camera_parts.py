@@ -1,4 +1,4 @@
-"""Parts of cameras, built with the front at +z: skins, the lens, dials, and what is on the front and the back."""
+"""Parts of cameras, built with the front at +z: skins, the lens, dials, and what is on the front."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ import itertools
 import numpy as np
 
 from kfit.data.mesh import Mesh
-from kfit.data.shapes import colors, laptop_faces, prints, textures
-from kfit.data.shapes.placing import shift, turn_x, turn_y
-from kfit.data.shapes.primitives import circle, plate, revolve, rounded_rectangle, slab
+from kfit.data.shapes import colors, prints, textures
+from kfit.data.shapes.placing import shift, turn_x
+from kfit.data.shapes.primitives import circle, plate, revolve, rounded_rectangle
 from kfit.data.shapes.textures import as_texture
 
 
@@ -69,10 +69,24 @@ def lens(rng: np.random.Generator, radius: float, length: float, trim: np.ndarra
     bell = np.stack([np.linspace(rim, glass, 6), np.linspace(length, length - depth, 6)], axis=1)
     bulge = np.linspace(1, 0, 8)
     dome = np.stack([glass * bulge, length - depth + 0.35 * depth * (1 - bulge**2)], axis=1)
+    if rng.random() < 0.14:
+        return [part.transformed(turn_x(np.pi / 2)) for part in [*parts, *_cap(rng, last, length)]]
     parts.append(revolve(np.array([(last, length), ((last + rim) / 2, length + 4e-3), (rim, length)]), ring, 40))
     parts.append(revolve(bell, textures.solid(colors.black(rng)), 40))
     parts.append(revolve(dome, _glass(rng), 40))
     return [part.transformed(turn_x(np.pi / 2)) for part in parts]
+
+
+def _cap(rng: np.random.Generator, radius: float, at: float) -> list[Mesh]:
+    """A lens cap with a name and two grips."""
+    color = colors.black(rng) + 0.04
+    wide, tile = radius * rng.uniform(1.0, 1.04), textures.solid(color)
+    picture = np.ascontiguousarray(np.broadcast_to(as_texture(color), (64, 64, 3)))
+    prints.write(rng, picture, (26, 12, 12, 40), colors.white(rng))
+    for column in (3, 53):
+        picture[18:46, column : column + 8] = as_texture(color * 0.5)
+    side = np.array([(wide, at - 0.02), (wide, at + 0.02), (wide * 0.96, at + 0.03)])
+    return [revolve(side, tile, 40), plate(circle(40) * wide * 0.96, at + 0.03, picture, num_rings=3)]
 
 
 def _ribs(rng: np.random.Generator, color: np.ndarray) -> np.ndarray:
@@ -130,24 +144,3 @@ def front(rng: np.random.Generator, height: float, depth: float, lens_edge: floa
         lamp = textures.solid(colors.hue(rng, float(rng.uniform(-0.02, 0.12)), (0.5, 1.0), (0.4, 0.9)))
         parts.append(panel((0.03, 0.03), lamp).transformed(shift(0.42, height * 0.6, z)))
     return parts
-
-
-def rear(rng: np.random.Generator, height: float, depth: float, base: np.ndarray) -> list[Mesh]:
-    """A display, an eyepiece and buttons on the back, or a plain back as film cameras have."""
-    back = shift(0, 0, 0) @ turn_y(np.pi)
-    parts: list[Mesh] = []
-    z = depth / 2 + 0.004
-    if rng.random() < 0.8:
-        wide, tall = rng.uniform(0.45, 0.62), height * rng.uniform(0.55, 0.72)
-        show = laptop_faces.off if rng.random() < 0.65 else prints.photo
-        picture = laptop_faces.framed(rng, show(rng, base, (96, 128)), colors.black(rng))
-        parts.append(panel((wide, tall), picture).transformed(shift(-0.12, height * 0.42, z)))
-        for k in range(rng.integers(2, 6)):
-            button = textures.solid(np.clip(base * 0.6 + 0.1, 0, 1))
-            spot = panel((0.045, 0.03), button)
-            parts.append(spot.transformed(shift(0.33 + 0.07 * (k % 2), height * (0.2 + 0.15 * (k // 2)), z)))
-    if rng.random() < 0.5:
-        rubber = textures.solid(colors.black(rng))
-        eye = slab(rounded_rectangle(0.16, 0.09, 0.03), 0.0, 0.05, 0.01, (rubber, rubber, rubber))
-        parts += [part.transformed(shift(0, height * 0.92, z - 0.01) @ turn_x(np.pi / 2)) for part in eye]
-    return [part.transformed(back) for part in parts]

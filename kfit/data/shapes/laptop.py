@@ -11,14 +11,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from kfit.data.mesh import Mesh, join
-from kfit.data.shapes import colors, laptop_faces, textures
+from kfit.data.shapes import colors, laptop_faces, laptop_underside, textures
 from kfit.data.shapes.placing import FRONT_TO_X, shift, turn_x
 from kfit.data.shapes.primitives import revolve, rounded_rectangle, slab
 
 
 @dataclass(frozen=True)
 class Body:
-    """Ranges of one family, in widths: depth, thickness of base and lid, corners, taper to the front, hinge inset."""
+    """Ranges of one family, in widths: depth, thickness of base and lid, corners, taper to the front, hinge inset.
+
+    ``border`` scales the frame around the display, and ``colorful`` is the chance of a bright shell.
+    """
 
     depth: tuple[float, float]
     base: tuple[float, float]
@@ -26,18 +29,28 @@ class Body:
     corner: tuple[float, float]
     taper: float = 0.0
     inset: tuple[float, float] = (0.0, 0.02)
+    border: float = 1.0
+    colorful: float = 0.1
 
 
 SHAPES = {
     "slim": Body((0.66, 0.74), (0.03, 0.045), (0.012, 0.02), (0.02, 0.05)),
     "wedge": Body((0.66, 0.72), (0.04, 0.06), (0.012, 0.02), (0.02, 0.05), taper=0.6),
     "classic": Body((0.66, 0.78), (0.06, 0.1), (0.025, 0.04), (0.015, 0.04)),
-    "square": Body((0.76, 0.9), (0.05, 0.12), (0.02, 0.05), (0.01, 0.04)),
+    "square": Body((0.76, 0.81), (0.05, 0.12), (0.02, 0.05), (0.01, 0.04)),
     "netbook": Body((0.62, 0.72), (0.06, 0.11), (0.03, 0.05), (0.04, 0.08)),
+    "ultrabook": Body((0.66, 0.72), (0.022, 0.035), (0.01, 0.014), (0.02, 0.04), taper=0.3, border=0.5),
+    "convertible": Body((0.64, 0.7), (0.03, 0.045), (0.018, 0.026), (0.015, 0.04), border=0.8),
+    "chromebook": Body((0.66, 0.74), (0.045, 0.07), (0.02, 0.032), (0.05, 0.09), border=1.2, colorful=0.6),
+    "workstation": Body((0.68, 0.76), (0.075, 0.11), (0.025, 0.04), (0.01, 0.03), inset=(0.02, 0.06)),
+    "retro": Body((0.74, 0.81), (0.12, 0.18), (0.045, 0.07), (0.01, 0.03), border=2.0),
+    "widescreen": Body((0.6, 0.66), (0.03, 0.06), (0.015, 0.025), (0.015, 0.04), border=0.7),
 }
 HELD_OUT_SHAPES = {
     "gaming": Body((0.68, 0.78), (0.06, 0.09), (0.02, 0.035), (0.005, 0.02), inset=(0.06, 0.12)),
     "rounded": Body((0.66, 0.76), (0.035, 0.07), (0.015, 0.03), (0.09, 0.14), taper=0.3),
+    "rugged": Body((0.72, 0.8), (0.13, 0.18), (0.07, 0.1), (0.05, 0.08), border=2.2, inset=(0.02, 0.05)),
+    "tablet": Body((0.66, 0.74), (0.014, 0.022), (0.022, 0.032), (0.02, 0.04), border=0.9, inset=(0.0, 0.01)),
 }
 TEXTURES: dict[str, tuple[textures.Family, float]] = {
     "off": (laptop_faces.off, 2.0),
@@ -59,18 +72,18 @@ def build(rng: np.random.Generator, held_out: bool) -> Mesh:
     screen = textures.choose(rng, HELD_OUT_TEXTURES if held_out else TEXTURES)
     depth, base_height, lid_height = (float(rng.uniform(*span)) for span in (body.depth, body.base, body.lid))
     outline = rounded_rectangle(1.0, depth, float(rng.uniform(*body.corner)))
-    shell = _shell(rng)
+    shell = colors.hue(rng) if rng.random() < body.colorful else _shell(rng)
     deck = shell if rng.random() < 0.55 else _shell(rng)
     frame = colors.black(rng) if rng.random() < 0.65 else deck
     edge = textures.solid(shell)
+    below = laptop_underside.face(rng, shell * rng.uniform(0.3, 1), depth)
+    faces = (laptop_faces.deck(rng, deck, depth), edge, below)
     base = join(
-        slab(
-            outline,
-            0.0,
-            base_height,
-            rng.uniform(0.1, 0.5) * base_height,
-            (laptop_faces.deck(rng, deck, depth), edge, textures.solid(shell * rng.uniform(0.3, 1))),
-        )
+        [
+            *slab(outline, 0.0, base_height, rng.uniform(0.1, 0.5) * base_height, faces),
+            *laptop_underside.feet(rng, depth),
+            *laptop_underside.sockets(rng, base_height, depth),
+        ]
     )
     # Only the underside climbs towards the front, so the deck stays level.
     sloped = base.vertices.copy()
@@ -80,8 +93,8 @@ def build(rng: np.random.Generator, held_out: bool) -> Mesh:
     inset = float(rng.uniform(*body.inset))
     lid_depth = depth * rng.uniform(0.94, 1.0) - inset
     lid_outline = rounded_rectangle(1.0, lid_depth, float(rng.uniform(*body.corner)))
-    opening = np.deg2rad(np.clip(rng.normal(108, 13), 80, 140))
-    front = laptop_faces.screen(rng, screen, frame, lid_depth)
+    opening = np.deg2rad(_opening_deg(rng))
+    front = laptop_faces.screen(rng, screen, frame, lid_depth, body.border)
     faces = (front, edge, laptop_faces.back(rng, shell, lid_depth, held_out))
     lid = join(slab(lid_outline, -lid_height, 0.0, rng.uniform(0.2, 0.5) * lid_height, faces))
     gap = lid_height * rng.uniform(0.3, 1.2)
@@ -90,6 +103,11 @@ def build(rng: np.random.Generator, held_out: bool) -> Mesh:
     lid = lid.transformed(shift(0, base_height, hinge_z) @ turn_x(np.pi - opening))
     hinge = [part.transformed(shift(0, base_height, hinge_z)) for part in _hinge(rng, gap, lid_height, frame, shell)]
     return join([base, lid, *hinge]).transformed(FRONT_TO_X)
+
+
+def _opening_deg(rng: np.random.Generator) -> float:
+    """Angle of the hinge: mostly as one works, often any from nearly closed to flat."""
+    return float(rng.uniform(6, 180) if rng.random() < 0.4 else np.clip(rng.normal(108, 13), 80, 140))
 
 
 def _shell(rng: np.random.Generator) -> np.ndarray:
@@ -101,7 +119,6 @@ def _shell(rng: np.random.Generator) -> np.ndarray:
         colors.black,
         colors.grey,
         colors.white,
-        colors.hue,
     )
     return kinds[rng.integers(len(kinds))](rng)
 

@@ -75,15 +75,18 @@ def _stickers(
         prints.figure(rng, picture, (row, column, tall, wide), ground)
 
 
-def screen(rng: np.random.Generator, family: Family, frame: np.ndarray, depth: float) -> np.ndarray:
-    """The lid's inner face: a frame of some width with the display inside and sometimes a name below."""
+def screen(rng: np.random.Generator, family: Family, frame: np.ndarray, depth: float, border: float) -> np.ndarray:
+    """The lid's inner face: a frame whose width ``border`` scales, the display in it, a lens, sometimes a name."""
     height = int(_WIDTH * depth)
     picture = _canvas(frame, height)
-    side = rng.uniform(0.015, 0.07)
-    top, bottom = rng.uniform(0.02, 0.1), rng.uniform(0.05, 0.16)
+    side = border * rng.uniform(0.015, 0.07)
+    top, bottom = border * rng.uniform(0.025, 0.09), min(0.25, border * rng.uniform(0.05, 0.16))
     box = (int(top * height), int(side * _WIDTH), int((1 - bottom) * height), int((1 - side) * _WIDTH))
     size = (box[2] - box[0], box[3] - box[1])
     picture[box[0] : box[2], box[1] : box[3]] = cv2.resize(family(rng, frame, size), size[::-1])
+    if rng.random() < 0.7:
+        lens = (_WIDTH // 2, int(top * height / 2))
+        cv2.circle(picture, lens, 2, (20, 20, 28) if frame.mean() > 0.2 else (90, 90, 100), -1, cv2.LINE_AA)
     if rng.random() < 0.4:
         tall = max(3, int(bottom * height * 0.4))
         prints.write(rng, picture, (box[2] + tall // 2, _WIDTH // 2 - 25, tall, 50), colors.against(rng, frame))

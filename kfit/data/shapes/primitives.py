@@ -6,11 +6,13 @@ Lengths are in whatever unit the caller uses; the object is normalised at the en
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
 
 from kfit.data.mesh import Mesh
+from kfit.data.shapes.placing import shift, turn_x
 
 
 def sheet(points: np.ndarray, texture: np.ndarray) -> Mesh:
@@ -182,21 +184,48 @@ def slab(
     return [plate(inner, top, textures[0]), side, plate(inner, bottom, textures[2], facing=-1)]
 
 
-def tube(path: np.ndarray, radii: np.ndarray | Sequence[float], texture: np.ndarray, num_around: int = 12) -> Mesh:
-    """A tube of elliptic section swept along a path in the xy plane.
+def polygon(corners: Sequence[tuple[float, float]], per_side: int = 3) -> np.ndarray:
+    """Closed outline (per_side·corners + 1, 2) through corners in (x, z) given in the order of ``circle``."""
+    points = np.array([*corners, corners[0]], np.float64)
+    share = np.linspace(0, 1, per_side + 1)[:-1, None]
+    sides = [start + (stop - start) * share for start, stop in itertools.pairwise(points)]
+    return np.concatenate([*sides, points[:1]])
+
+
+def extrusion(outline: np.ndarray, thickness: float, bevel: float, texture: np.ndarray) -> list[Mesh]:
+    """A solid whose outline lies in (x, y), in the order of ``circle``, and which is thick along z about z = 0.
+
+    The outline must be star-shaped about its box's centre.
+    """
+    centre = (outline.min(axis=0) + outline.max(axis=0)) / 2
+    parts = slab(outline - centre, -thickness / 2, thickness / 2, bevel, (texture, texture, texture))
+    return [part.transformed(shift(centre[0], centre[1], 0) @ turn_x(-np.pi / 2)) for part in parts]
+
+
+def tube(
+    path: np.ndarray,
+    radii: np.ndarray | Sequence[float],
+    texture: np.ndarray,
+    num_around: int = 12,
+    axis: np.ndarray | Sequence[float] = (0.0, 0.0, 1.0),
+) -> Mesh:
+    """A tube of elliptic section swept along a path.
 
     Args:
-        path: (P, 3) with constant z.
-        radii: (2,) or (P, 2): half width in the path's plane and half width along z.
+        path: (P, 3).
+        radii: (2,) or (P, 2): half width across the path and the axis, and half width along the axis.
         texture: (Ht, Wt, 3) uint8; rows run along the path.
         num_around: Steps around the section.
+        axis: (3,) or (P, 3) of unit length, nowhere along the path.
     """
     path = np.asarray(path, np.float64)
     radii = np.broadcast_to(np.asarray(radii, np.float64), (len(path), 2))
     tangent = np.gradient(path, axis=0)
     tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-12)
-    across = np.stack([tangent[:, 1], -tangent[:, 0], np.zeros(len(path))], axis=1)
+    across = np.cross(tangent, np.broadcast_to(np.asarray(axis, np.float64), path.shape))
+    across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)
+    along = np.cross(across, tangent)
     angle = np.linspace(0, 2 * np.pi, num_around + 1)
     offset = radii[:, :1, None] * np.cos(angle)[None, :, None] * across[:, None]
-    offset = offset - radii[:, 1:, None] * np.sin(angle)[None, :, None] * np.array([0.0, 0.0, 1.0])
+    offset = offset - radii[:, 1:, None] * np.sin(angle)[None, :, None] * along[:, None]
     return sheet(path[:, None] + offset, texture)
