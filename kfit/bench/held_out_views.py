@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -123,7 +123,7 @@ def views_of(
         photos.append(view.image)
         masks.append(view.mask)
         on_view(number + 1)
-    fields = {name: torch.cat([piece.field(name) for piece in pieces]) for name in FIELDS}
+    fields: dict[str, Any] = {name: torch.cat([piece.field(name) for piece in pieces]) for name in FIELDS}
     seen = Observation(**fields, keys=tuple(range(len(pieces))))
     rotation = torch.stack([camera.rotation for camera in cameras])
     intrinsics = torch.stack([torch.from_numpy(camera.intrinsics) for camera in cameras])
@@ -164,7 +164,7 @@ def rotation_errors(
     seen, symmetry = views.observation, model.card.known.symmetry
     for first in range(0, seen.num_problems, batch_size):
         rows = slice(first, first + batch_size)
-        fields = {name: seen.field(name)[rows] for name in FIELDS}
+        fields: dict[str, Any] = {name: seen.field(name)[rows] for name in FIELDS}
         piece = Observation(**fields, keys=seen.keys[rows])
         result = pipeline(piece, seed=0)
         angles = (result.values[name].double() for name in ("azimuth", "elevation", "roll"))
@@ -189,7 +189,7 @@ def translation_errors(model: CategoryModel, views: HeldOutViews, results: list[
 def answer_to(model: CategoryModel, views: HeldOutViews, results: list[FitResult], number: int) -> PoseResult:
     """What `CategoryModel.pose` would have answered to one view that `rotation_errors` fitted without failing."""
     fit = [result.of(row) for result in results for row in range(len(result.energy))][number]
-    fields = {name: views.observation.field(name)[number : number + 1] for name in FIELDS}
+    fields: dict[str, Any] = {name: views.observation.field(name)[number : number + 1] for name in FIELDS}
     seen = Observation(**fields, keys=(number,))
     where = (views.photos[number], views.masks[number], views.crops[number], views.intrinsics[number])
     return model.answer(fit, ObservedObject(seen, *where, "given", ()))

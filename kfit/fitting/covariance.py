@@ -63,6 +63,6 @@ def answer_covariance(pipeline: FitPipeline, observation: Observation, result: F
         spectrum, axes = torch.linalg.eigh(squares.where(whole[:, None, None], torch.eye(count).to(squares)))
         flat = spectrum <= 1e-9 * spectrum[:, -1:]
         inverse = (axes / spectrum.where(~flat, 1.0)[:, None]) @ axes.mT
-        found = variance[:, None, None] * inverse
-        found = found.masked_fill(flat.any(1)[:, None, None], torch.inf)
-        return found.masked_fill(~whole[:, None, None], torch.nan)
+        found: Tensor = variance[:, None, None] * inverse
+        found = found.masked_fill(flat.any(1)[:, None, None], torch.inf).masked_fill(~whole[:, None, None], torch.nan)
+        return found

@@ -184,9 +184,8 @@ class Objective:
         overlap = missing = None
         if joint is not None:
             # One number a row for all of its views.
-            overlap = overlap_of(
-                *(None if w is None else w.unflatten(0, (count, self.views)) for w in (joint, observed))
-            )
+            seen = None if observed is None else observed.unflatten(0, (-1, self.views))
+            overlap = overlap_of(joint.unflatten(0, (-1, self.views)), seen)
             compared = [abs(self.weights[name]) for name, term in self.terms.items() if isinstance(term, Energy)]
             missing = sum(compared) ** 0.5 * shortfall(overlap, self.min_overlap)
             residuals.append(missing[:, None])

@@ -102,7 +102,7 @@ class Template(Generator):
         self.variables = {**self.moving, **(LIGHT if light else {})}
         picture, mask = _finer(picture.detach(), mask.detach(), oversampling)
         self.register_buffer("pixels", torch.cat([picture * mask, mask], 1))
-        basis = spline_basis(self.control, self.size).to(picture) if motion == "tps" else None
+        basis = spline_basis((control[0], control[1]), self.size).to(picture) if motion == "tps" else None
         self.register_buffer("basis", basis, persistent=False)
 
     def prepare(self, observation: Observation) -> Mapping[str, Tensor]:

@@ -19,7 +19,6 @@ from kfit.core import (
     FitError,
     FitResult,
     Generator,
-    Observation,
     Rendering,
     Variables,
 )
@@ -191,15 +190,15 @@ class CategoryModel:
                 image, self.card.category, self.image_size, mask, box, intrinsics, relative_poses, segmenter
             )
             start = triangulated_diagonal(observation, self.card.unit_fraction, self.card.mean_diagonal)
-            pipeline = pipeline or self.pipeline(views=start)
-            there: Observation = observation.map(lambda tensor: tensor.to(pipeline.device))
-            return self.answer(pipeline(there, seed=seed), seen)
+            fit = pipeline or self.pipeline(views=start)
+            return self.answer(fit(observation.map(lambda tensor: tensor.to(fit.device)), seed=seed), seen)
         if relative_poses is not None:
             raise ValueError("relative_poses were given for one photo; they belong to a list of photos")
-        seen = ObservedObject.of(image, self.card.category, self.image_size, mask, box, intrinsics, depth, segmenter)
-        pipeline = pipeline or self.pipeline(depth=depth is not None)
-        there = seen.observation.map(lambda tensor: tensor.to(pipeline.device))
-        return self.answer(pipeline(there, seed=seed), seen)
+        photo: Any = image
+        one: tuple[Any, Any] = (mask, box)
+        seen = ObservedObject.of(photo, self.card.category, self.image_size, *one, intrinsics, depth, segmenter)
+        fit = pipeline or self.pipeline(depth=depth is not None)
+        return self.answer(fit(seen.observation.map(lambda tensor: tensor.to(fit.device)), seed=seed), seen)
 
     @property
     def image_size(self) -> int:

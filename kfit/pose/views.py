@@ -101,20 +101,21 @@ def triangulated_diagonal(observation: Observation, unit_fraction: float, mean_d
     point = torch.linalg.lstsq(across.sum(0), (across @ centres).sum(0)).solution[:, 0]
     focal = float(cameras[0, 0, 0] + cameras[0, 1, 1]) / 2
     found = float(point.norm()) * unit_fraction * side * float(rays[0, 2]) ** 1.5 / focal
-    return min(max(found, mean_diagonal / 3), 3 * mean_diagonal)
+    kept: float = min(max(found, mean_diagonal / 3), 3 * mean_diagonal)
+    return kept
 
 
 def _checked_poses(poses: Any, count: int) -> Tensor:
     if poses is None:
         raise ValueError("several photos need relative_poses, (V, 4, 4), from the first camera to each")
-    poses = torch.as_tensor(poses, dtype=torch.float64)
-    check_shape("relative_poses", poses, (count, 4, 4))
-    turns, eye = poses[:, :3, :3], torch.eye(3, dtype=torch.float64)
+    given: Tensor = torch.as_tensor(poses, dtype=torch.float64)
+    check_shape("relative_poses", given, (count, 4, 4))
+    turns, eye = given[:, :3, :3], torch.eye(3, dtype=torch.float64)
     rigid = bool(((turns @ turns.mT - eye).abs() < 1e-3).all()) and bool((torch.linalg.det(turns) > 0).all())
-    if not rigid or not bool((poses[:, 3] == poses.new_tensor([0.0, 0.0, 0.0, 1.0])).all()):
+    if not rigid or not bool((given[:, 3] == given.new_tensor([0.0, 0.0, 0.0, 1.0])).all()):
         raise ValueError(
             "relative_poses must be rigid motions: a rotation, a translation, and a last row of 0, 0, 0, 1"
         )
-    if not torch.allclose(poses[0], torch.eye(4, dtype=torch.float64), atol=1e-6):
+    if not torch.allclose(given[0], torch.eye(4, dtype=torch.float64), atol=1e-6):
         raise ValueError("relative_poses must begin with the identity, the first camera's own")
-    return poses
+    return given

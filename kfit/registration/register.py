@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from kfit.callbacks import Pruning
-from kfit.core import Energy, FitResult, Observation, Optimizer, Prior, ResidualEnergy
+from kfit.core import Energy, FitResult, Observation, Optimizer, Prior, ResidualEnergy, Schedule
 from kfit.core.check import check_choice, check_count, check_range, check_shape
 from kfit.energies import L2, BendingEnergy
 from kfit.fitting.pipeline import FitPipeline
@@ -81,7 +81,8 @@ def register(
     settings = _Settings(energy or L2(), light, control, smoothness, min_overlap)
     levels = pyramid_levels(pair.size)
     motions = motions_of(motion, len(levels))
-    state, fits = None, []
+    state: Stage | None = None
+    fits: list[FitResult] = []
     for number, (shrink, kind) in enumerate(zip(levels, motions, strict=True)):
         last = number == len(levels) - 1
         level = pair.at(shrink, blur=0.5 if last and len(levels) > 1 else 0.8)
@@ -93,7 +94,7 @@ def register(
         result = _fit(template, level, settings, state, freeze_overlap=last, seed=seed)
         state = Stage(kind, template, result, state.candidates)
         fits.append(result)
-    return _answer(pair, state, tuple(fits), settings)
+    return _answer(pair, motion, tuple(fits), settings)
 
 
 @dataclass(frozen=True)
@@ -120,7 +121,7 @@ def _fit(
     template: Template, level: Pair, settings: _Settings, state: Stage, freeze_overlap: bool, seed: int
 ) -> FitResult:
     terms: dict[str, Energy | Prior] = {"energy": settings.energy}
-    weights = {}
+    weights: dict[str, float | Schedule] = {}
     if template.motion == "flow" and min(template.control) >= 3:
         terms["bending"], weights["bending"] = BendingEnergy("displacement"), settings.smoothness
     weight = level.fixed_mask
@@ -140,7 +141,8 @@ def _fit(
         min_overlap=settings.min_overlap,
         history=False,
     )
-    return pipeline(Observation(level.fixed, weight=weight), seed=seed)
+    result: FitResult = pipeline(Observation(level.fixed, weight=weight), seed=seed)
+    return result
 
 
 def _covered(template: Template, state: Stage) -> Tensor:
@@ -154,21 +156,20 @@ def _covered(template: Template, state: Stage) -> Tensor:
             values |= {"gain": ones, "bias": 0 * ones}
         if len(template.pixels) > 1:
             values["template"] = torch.arange(len(template.pixels), device=template.pixels.device)
-        covered = template(**values).weight
-    assert covered is not None  # a template always has one
+        covered: Tensor = template(**values).field("weight")
     return (covered > 0.999).to(covered)
 
 
-def _answer(pair: Pair, state: Stage, fits: tuple[FitResult, ...], settings: _Settings) -> Registration:
+def _answer(pair: Pair, motion: Motion, fits: tuple[FitResult, ...], settings: _Settings) -> Registration:
     """Draw the whole pictures by the last level's values, without blur."""
     values = fits[-1].values
-    whole = settings.template(pair, state.motion)
+    whole = settings.template(pair, motion)
     moving = {name: values[name] for name in whole.moving}
     template = {"template": torch.arange(len(pair.moving), device=pair.moving.device)} if len(pair.moving) > 1 else {}
     with torch.no_grad():
         drawn = whole(**values, **template)
         places = whole.places(**moving)
-        matrix = None if state.motion in BENDING else whole.matrix(**moving)
+        matrix = None if motion in BENDING else whole.matrix(**moving)
     assert drawn.weight is not None  # a template always has one
     ones = torch.ones(len(pair.moving)).to(pair.fixed)
     both, all_of = drawn.weight * pair.fixed_mask, pair.fixed_mask
