@@ -17,7 +17,7 @@ from torch import Tensor, nn
 
 from kfit.core.check import check_names, check_shape
 from kfit.core.part import Part
-from kfit.core.pictures import Reduction, at_least_single, check_pictures, check_target, precision_of, reduced
+from kfit.core.pictures import Reduction, at_least_single, check_prediction, check_target, precision_of, reduced
 from kfit.core.result import FitResult
 from kfit.core.state import Evaluation, FitState, Observation, Rendering
 from kfit.core.variables import Variable, Variables
@@ -144,7 +144,7 @@ class Energy(Part, nn.Module, ABC):
         energies (N,), "mean" and "sum" one number.
         """
         self.check(target, weight)
-        check_pictures("prediction", prediction, self.volumes)
+        check_prediction(prediction, target, self.volumes)
         prediction, target = at_least_single((prediction, target))
         with precision_of(target, self.mixed):
             return reduced(self.compare(prediction, self.prepare(target, weight)), reduction)

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 from torch.utils import _pytree as pytree
 
-from kfit.core.check import check_choice
+from kfit.core.check import check_choice, check_names, check_shape
 
 Reduction = Literal["none", "mean", "sum"]
 # How far a target in [0, 1] may overshoot, as interpolated pictures do.
@@ -60,6 +60,20 @@ def check_target(target: Any, weight: Tensor | None, volumes: bool, unit_range: 
         _check_weight(weight, target)
     if unit_range:
         _check_unit_range(target, weight)
+
+
+def check_prediction(prediction: Any, target: Any, volumes: bool) -> None:
+    """Refuse predictions of another shape than their targets, which networks would compare all the same.
+
+    Raises:
+        TypeError, ValueError: naming what was expected and what came.
+    """
+    check_pictures("prediction", prediction, volumes)
+    if isinstance(target, dict):
+        check_names("prediction", prediction, target, complete=True)
+    for name, picture in target.items() if isinstance(target, dict) else [("", target)]:
+        drawn = prediction[name] if name else prediction
+        check_shape(f"prediction of {name}" if name else "prediction", drawn, tuple(picture.shape))
 
 
 def _check_weight(weight: Any, pictures: Any) -> None:

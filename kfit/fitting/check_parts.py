@@ -114,6 +114,18 @@ def check_rendering(generator: Generator, rendering: Any) -> None:
     check_kind(f"what {type(generator).__name__}.forward returns", rendering, Rendering, remedy=remedy)
 
 
+def check_sizes(name: str, term: Energy, rendering: Rendering, observation: Observation) -> None:
+    """Refuse drawings of another size than the observation, which an energy on networks would compare all the same.
+
+    Raises:
+        ValueError: naming the term, the field and both sizes.
+    """
+    for field in [term.on] if isinstance(term.on, str) else term.on:
+        drawn, observed = (tuple(of.field(field).shape[1:]) for of in (rendering, observation))
+        if drawn != observed:
+            raise ValueError(f"energies.{name}: the drawn {field} must have shape {observed} as observed, got {drawn}")
+
+
 def check_reached(
     generator: Generator,
     terms: Mapping[str, Energy | Prior],

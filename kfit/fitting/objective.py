@@ -24,7 +24,7 @@ from kfit.core import (
 from kfit.core.contracts import Need
 from kfit.core.pictures import at_least_single
 from kfit.core.rows import pictures_of
-from kfit.fitting.check_parts import check_reached, check_rendering, check_term
+from kfit.fitting.check_parts import check_reached, check_rendering, check_sizes, check_term
 from kfit.fitting.drawn_rows import DrawnRows, RowInputs, joined_evaluation
 from kfit.fitting.jacobian import JacobianProducts
 from kfit.fitting.overlap import joint_weight, overlap_of, shortfall, too_little
@@ -165,6 +165,8 @@ class Objective:
             target = rows.targets[name]
             # What only ranks has no slope.
             with torch.set_grad_enabled(torch.is_grad_enabled() and bool(weight)), self._precision(term):
+                if isinstance(term, Energy):
+                    check_sizes(name, term, rendering, self.observation)
                 if joint is not None and isinstance(term, Energy):
                     target = term.prepare(self._rows_of(self.observation.select(term.on), rows.picture), joint)
                 selected = self._values(term, values) if isinstance(term, Prior) else rendering.select(term.on)

@@ -17,7 +17,7 @@ from kfit.core import (
     Selector,
     Variable,
 )
-from kfit.energies import L1, L2
+from kfit.energies import L1, L2, Perceptual
 from kfit.initializers import Constant
 from kfit.optimizers import CMAES, Adam, LevenbergMarquardt
 
@@ -135,6 +135,16 @@ def test_residuals_are_a_row_each():
 
     with pytest.raises(ValueError, match=r"energies.w: Wrong.residuals must return shape \(8, M\), got \(1536,\)"):
         fit(energies={"w": Wrong()}, optimizer=LevenbergMarquardt())
+
+
+@pytest.mark.parametrize("energy", [L1(), Perceptual(torch.nn.Conv2d(3, 4, 3, 2))], ids=["L1", "Perceptual"])
+def test_drawings_have_the_size_of_the_observation(energy):
+    class Small(Grey):
+        def forward(self, **values):
+            return super().forward(**values).map(lambda image: image[..., :7])
+
+    with pytest.raises(ValueError, match=r"energies.e: the drawn image must have shape \(3, 8, 8\) .* got \(3, 8, 7\)"):
+        fit(generator=Small(), energies={"e": energy})
 
 
 class TestAGradientThatReachesNoVariable:
