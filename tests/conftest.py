@@ -11,6 +11,8 @@ pytest_plugins = ["tiny_model"]
 
 def pytest_addoption(parser):
     parser.addoption("--runslow", action="store_true", help="also run tests that take minutes")
+    parser.addoption("--device", default="cpu", help="where parts are tested: cpu, cuda, cuda:1, mps")
+    parser.addoption("--dtype", default="float32", choices=("float32", "float64"), help="in which numbers")
 
 
 def pytest_collection_modifyitems(config, items):
@@ -25,6 +27,18 @@ def pytest_collection_modifyitems(config, items):
 def seeded():
     """The same random numbers for a test alone and among others."""
     torch.manual_seed(0)
+
+
+@pytest.fixture(scope="session")
+def device(request):
+    """Where energies, warps and generators are tested, by ``--device``."""
+    return torch.device(request.config.getoption("--device"))
+
+
+@pytest.fixture(scope="session")
+def dtype(request):
+    """In which numbers energies, warps and generators are tested, by ``--dtype``."""
+    return getattr(torch, request.config.getoption("--dtype"))
 
 
 @pytest.fixture(scope="session")

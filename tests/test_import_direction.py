@@ -152,6 +152,17 @@ def test_importing_kfit_loads_neither_torch_nor_any_part():
     assert loaded == ["kfit"]
 
 
+# Packages for training, files and reports, which other tasks do not use.
+HEAVY = {"lightning", "h5py", "trimesh", "matplotlib", "onnxruntime", "scipy", "skimage", "cv2", "rich", "jsonargparse"}
+
+
+def test_energies_optimizers_and_fits_load_no_heavy_package():
+    code = "import sys, kfit.energies, kfit.optimizers, kfit.fitting.pipeline; print(*sys.modules)"
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    assert {"kfit.energies.ssim", "torch"} <= set(loaded)
+    assert not HEAVY & set(loaded)
+
+
 def test_the_names_that_kfit_offers_are_there_and_no_others():
     assert kfit.FitPipeline.__module__ == "kfit.fitting.pipeline"
     assert kfit.Generator.__module__ == kfit.Energy.__module__ == "kfit.core.contracts"

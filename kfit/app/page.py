@@ -12,6 +12,7 @@ from typing import Any
 import gradio as gr
 
 from kfit.app import views
+from kfit.app.line import MOST, Line
 from kfit.app.session import Session, Sessions
 from kfit.app.uploads import ENDINGS
 from kfit.app.watched import Drawn
@@ -35,8 +36,8 @@ def page(sessions: Sessions) -> gr.Blocks:
                 drop = gr.File(label="Photo: JPEG, PNG or WebP, at most 20 MB", file_types=ENDINGS, height=190)
                 example = gr.Button("Take the example: a cup of coffee")
                 surface = gr.HTML(
-                    html_template=(HERE / "box.html").read_text(),
-                    js_on_load=(HERE / "box.js").read_text(),
+                    html_template=(HERE / "box.html").read_text(encoding="utf-8"),
+                    js_on_load=(HERE / "box.js").read_text(encoding="utf-8"),
                     elem_classes=["kfit-plain"],
                     **{"photo": "", "aspect": 1.0, "mask": "", "hint": ""},
                 )
@@ -51,6 +52,7 @@ def page(sessions: Sessions) -> gr.Blocks:
                     report = gr.DownloadButton("Report (HTML)", size="sm", min_width=120)
                     numbers = gr.DownloadButton("Numbers (JSON)", size="sm", min_width=120)
 
+        line = Line()
         fresh = [drop, example, surface, tools, category, fit, view, downloads]
         marked = [surface, fit, view, downloads]
 
@@ -121,26 +123,37 @@ def page(sessions: Sessions) -> gr.Blocks:
             session = sessions.of(request.session_hash or "")
             hidden, same = gr.update(visible=False), gr.skip()
             told: list[Drawn] = []
+            session.busy = True
             try:
-                fitting = session.fit(category)
-                yield [views.converging(told), hidden, same, same]
-                for news in fitting:
-                    if isinstance(news, Drawn):
-                        told.append(news)
-                        yield [views.converging(told), hidden, same, same]
-                    else:
-                        yield [views.answered(news, told), hidden, same, same]
-                        yield [same, gr.update(visible=True), *map(str, session.write(news))]
+                with line.joined() as waiting:
+                    for before in waiting:
+                        yield [views.waiting(before), hidden, same, same]
+                    fitting = session.fit(category)
+                    yield [views.converging(told), hidden, same, same]
+                    for news in fitting:
+                        if isinstance(news, Drawn):
+                            told.append(news)
+                            yield [views.converging(told), hidden, same, same]
+                        else:
+                            yield [views.answered(news, told), hidden, same, same]
+                            yield [same, gr.update(visible=True), *map(str, session.write(news))]
             except Exception as error:
                 _tell(error)
                 yield [same if told else "", hidden, same, same]
+            finally:
+                session.busy = False
 
         def forget(request: gr.Request) -> None:
             sessions.close(request.session_hash or "")
 
         quiet: dict[str, Any] = {"api_visibility": "private", "show_progress": "minimal"}
         fitting = fit.click(
-            run, category, [view, downloads, report, numbers], concurrency_limit=1, scroll_to_output=True, **quiet
+            run,
+            category,
+            [view, downloads, report, numbers],
+            concurrency_limit=MOST + 1,  # the last is told that the line is full
+            scroll_to_output=True,
+            **quiet,
         )
         drop.upload(take, drop, fresh, cancels=fitting, **quiet)
         example.click(take_example, None, fresh, cancels=fitting, **quiet)
@@ -148,7 +161,7 @@ def page(sessions: Sessions) -> gr.Blocks:
         mask.upload(take_mask, mask, marked, cancels=fitting, **quiet)
         surface.draw(draw, None, marked, cancels=fitting, **quiet)
         blocks.unload(forget)
-    blocks.queue(max_size=20)
+    blocks.queue(max_size=3 * MOST)
     return blocks
 
 

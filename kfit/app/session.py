@@ -22,7 +22,8 @@ from kfit.runtime.atomic_write import atomic_write
 from kfit.segmentation import Photo, mask_from_alpha, mask_from_box, mask_from_file
 
 EXAMPLE_MASK = Path(__file__).parent / "coffee_mask.png"
-MOST_SESSIONS = 8
+# Idle visitors are forgotten beyond so many sessions, and pixels in all of them, which are 12 bytes each.
+MOST_SESSIONS, MOST_PIXELS = 24, 200_000_000
 Fractions = tuple[float, float, float, float]
 
 
@@ -31,15 +32,24 @@ class Session:
 
     Args:
         folder: of its own, deleted by `close`.
+
+    Attributes:
+        busy: whether a fit of it waits or runs, so that it makes room for no other.
     """
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.photo: Photo | None = None
         self.mask: NDArray[np.float32] | None = None
+        self.busy = False
         self._name = ""
         # How `kfit pose` is told the object.
         self._told: list[str] = []
+
+    @property
+    def pixels(self) -> int:
+        """Number of pixels of the photo."""
+        return 0 if self.photo is None else self.photo.image.shape[0] * self.photo.image.shape[1]
 
     def take(self, path: Path) -> None:
         """Read an uploaded photo and delete the file; an alpha channel that sets an object off is its mask.
@@ -142,7 +152,7 @@ class Session:
 
 
 class Sessions:
-    """All visitors' sessions, of which the one that was used longest ago makes room where there are too many.
+    """All visitors' sessions; of those that are not busy, the one used longest ago makes room where they are too many.
 
     Args:
         folder: in which each gets a folder of its own.
@@ -162,8 +172,12 @@ class Sessions:
             if visitor not in self._open:
                 self._open[visitor] = Session(Path(mkdtemp(prefix="session-", dir=self.folder)))
             self._open.move_to_end(visitor)
-            while len(self._open) > MOST_SESSIONS:
-                self._open.popitem(last=False)[1].close()
+            idle = [name for name, session in self._open.items() if not session.busy and name != visitor]
+            for name in idle:
+                pixels = sum(session.pixels for session in self._open.values())
+                if len(self._open) <= MOST_SESSIONS and pixels <= MOST_PIXELS:
+                    break
+                self._open.pop(name).close()
             return self._open[visitor]
 
     def close(self, visitor: str) -> None:

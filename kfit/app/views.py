@@ -39,6 +39,12 @@ def mask_shown(mask: NDArray[np.float32]) -> str:
     return _address(layer, "PNG")
 
 
+def waiting(before: int) -> str:
+    """What a visitor sees before whom others' fits are still to run."""
+    others = "1 other fit is" if before == 1 else f"{before} other fits are"
+    return f'<p class="kfit-busy" role="status">{others} before yours; it begins by itself …</p>'
+
+
 def converging(told: Sequence[Drawn]) -> str:
     """What is seen and what is drawn, side by side, while a fit runs that has told so much."""
     if not told:

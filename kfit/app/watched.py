@@ -79,7 +79,7 @@ def watched(model: CategoryModel, photo: Photo, mask: NDArray[np.float32] | None
     Args:
         model: of the object's category.
         photo: that is looked at.
-        mask: (H, W), above 0 on the object; None where the photo's alpha channel tells.
+        mask: (H, W), above one half on the object; None where the photo's alpha channel tells.
 
     Raises:
         ValueError, FitError: as `kfit.pose.CategoryModel.pose`.

@@ -27,7 +27,7 @@ class ObjectToFit:
 
     Attributes:
         category: as `kfit.geometry.CATEGORIES` spells it, or what else its data calls it.
-        mask: (H, W), above 0 on the object; None where the photo's alpha channel tells it.
+        mask: (H, W), above one half on the object; None where the photo's alpha channel tells it.
         key: with the seed it decides the object's random numbers.
         score: how sure it is that the object is there; None where it was not detected but told.
     """

@@ -26,7 +26,10 @@ def parser() -> ArgumentParser:
     parser = ArgumentParser(
         description="Score results_*.pkl as the public NOCS evaluators do: average precision of 3D boxes and of poses "
         "whose box was found, by category. Writes DIR/scores.md, scores.csv, scores.json and curves.png, and of "
-        "several methods rotation.png, translation.png and iou.png beside them.",
+        "several methods rotation.png, translation.png and iou.png beside them. Poses are scored as NOCS's evaluator "
+        "does, which does not clip before its arc cosine: where rounding leaves the domain, at 0° and 180°, an error "
+        "is NaN and passes every threshold, so that a pose that is exactly upside down can count as right. "
+        "object-deformnet's evaluator clips, and its pose AP differs in such cases.",
         epilog="examples:\n  kfit evaluate results/ --out scores\n  kfit evaluate ours/ nocs/ --out comparison",
     )
     parser.add_argument(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import platform
+from collections.abc import Iterator
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -113,10 +114,19 @@ def extras() -> list[dict[str, Any]]:
 
     about = metadata.metadata("kfit")
     needs = [Requirement(line) for line in about.get_all("Requires-Dist") or []]
+
+    def packages(extra: str) -> Iterator[str]:
+        for need in needs:
+            if need.marker is not None and need.marker.evaluate({"extra": extra}):
+                if need.name == "kfit":  # an extra that holds others
+                    for other in need.extras:
+                        yield from packages(other)
+                else:
+                    yield need.name
+
     found = []
     for extra in about.get_all("Provides-Extra") or []:
-        own = [need.name for need in needs if need.marker is not None and need.marker.evaluate({"extra": extra})]
-        lacks = sorted(name for name in own if _version(name) is None)
+        lacks = sorted(name for name in set(packages(extra)) if _version(name) is None)
         found.append({"extra": extra, "installed": not lacks, "lacks": lacks, "by": f"pip install 'kfit[{extra}]'"})
     return found
 

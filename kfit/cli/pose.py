@@ -48,7 +48,7 @@ def parser() -> ArgumentParser:
         type=str,
         default=None,
         metavar="FILE",
-        help="a picture of the photo's size, not 0 on the object (default: the photo's alpha channel)",
+        help="a picture of the photo's size, light on the object (default: the photo's alpha channel)",
     )
     thing.add_argument(
         "--box",

@@ -42,7 +42,7 @@ def parser() -> ArgumentParser:
         "--model", type=str, default=None, help="a .safetensors model of your own, instead of --category"
     )
     parser.add_argument(
-        "--mask", type=str, default=None, help="a picture of the first frame's size, not 0 on the object"
+        "--mask", type=str, default=None, help="a picture of the first frame's size, light on the object"
     )
     parser.add_argument(
         "--masks",
@@ -108,15 +108,15 @@ class Video:
         args: what the user said of it.
 
     Attributes:
-        num_frames, num_found, num_anew: that were gone through; in which it was found; and of these found anew, but
-            the first.
+        num_frames, num_found, num_sure, num_anew: that were gone through; in which it was found; and of these with a
+            confidence above one half, and found anew, but the first.
     """
 
     def __init__(self, model: CategoryModel, frames: Frames, args: Namespace) -> None:
         from kfit.segmentation import pictures
 
         self.model, self.frames, self.args = model, frames, args
-        self.num_frames = self.num_found = self.num_anew = 0
+        self.num_frames = self.num_found = self.num_sure = self.num_anew = 0
         self.seconds = 0.0
         self.masks = None if args.masks is None else pictures(Path(args.masks))
         if self.masks is not None and Path(args.frames).is_dir() and len(self.masks) != frames.count:
@@ -126,6 +126,7 @@ class Video:
         """Write the video and the poses, frame by frame."""
         from concurrent.futures import Future, ThreadPoolExecutor
 
+        from kfit.pose.confidence import DOUBTFUL
         from kfit.reports import VideoFile
 
         begun = time.perf_counter()
@@ -144,6 +145,7 @@ class Video:
                     shown.result()
                 shown = beside.submit(self.show, video, frame, answer, self.num_frames)
                 self.num_found += answer.found
+                self.num_sure += answer.found and answer.confidence > DOUBTFUL
                 self.num_anew += answer.anew and self.num_frames > 0
                 self.num_frames += 1
                 bar.advance(task)
@@ -196,6 +198,7 @@ class Video:
 
         words = [self.model.card.category, f"frame {number}"]
         words.append(f"{100 * answer.translation[2]:.0f} cm away" if answer.found else "not found")
+        words += [f"confidence {100 * answer.confidence:.0f} %"] if answer.found else []
         words += ["found anew"] if answer.anew and number > 0 else []
         pose = (answer.rotation, answer.translation, answer.size, answer.intrinsics) if answer.found else None
         outline = (answer.silhouette, answer.crop) if answer.found else None
@@ -206,6 +209,7 @@ class Video:
         anew = f", {self.num_anew} times anew" if self.num_anew else ""
         return (
             f"{self.model.card.category} found in {self.num_found} of {self.num_frames} frames{anew}, "
+            f"{self.num_sure} of them with a confidence above 50 %, "
             f"{self.num_frames / self.seconds:.1f} frames a second"
         )
 
@@ -226,5 +230,6 @@ def entry(number: int, frame: Frame, answer: TrackedPose) -> dict[str, Any]:
         "anew": answer.anew,
         **(numbers if answer.found else dict.fromkeys(numbers)),
         "energy": answer.energy if answer.found else None,
+        "confidence": answer.confidence,
         "overlap": answer.overlap,
     }

@@ -37,6 +37,12 @@ def check_parts(
     if not energies:
         raise ValueError("energies must name at least one energy, got none")
     for name, term in energies.items():
+        # `ModuleDict` keeps its modules as attributes beside its own.
+        if not isinstance(name, str) or not name or "." in name or hasattr(torch.nn.ModuleDict(), name):
+            raise ValueError(
+                f"energies: an energy cannot be named {name!r}; names are not empty, have no dot, and are none of "
+                "PyTorch's own, such as 'keys' and 'training'"
+            )
         remedy = "" if isinstance(term, type) else "a function or loss becomes an energy by a subclass with `compare`"
         check_kind(f"energies.{name}", term, Energy, Prior, remedy=remedy)
     _check_list("initializers", initializers, Initializer)

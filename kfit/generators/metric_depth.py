@@ -13,7 +13,8 @@ OWN = ("distance", "focal")
 
 
 class MetricDepth(Generator):
-    """Draws depth as a depth camera measures it: tz is added to the generator's depth (paper, section 3.4).
+    """Draws depth as a depth camera measures it: tz is added to the generator's depth (Chen et al. 2020,
+    section 4.1, "Results: Translation").
 
     depth = t · (1 + scale · d / φ), with d the depth behind the object's centre in box diagonals that the generator
     draws. A diagonal D at distance t spans f · D / t pixels, and scale · w where w is a unit diagonal's width in the

@@ -15,7 +15,8 @@ OWN = ("roll", "shift", "scale")
 
 
 class SimilarityWarp(Generator):
-    """Adds roll, shift and scale to a generator by a similarity warp of its finished picture (paper, equation 2).
+    """Adds roll, shift and scale to a generator by a similarity warp of its finished picture (Chen et al. 2020,
+    section 3.1, the warp W(T, R_z)).
 
     A point (u, v) of the generator's picture, in half-widths from the centre, x right and y up, goes to
     scale · Rz(roll) · (u, v) + shift; outside is white, mask 0. Depth is warped premultiplied by the mask, and where

@@ -11,6 +11,7 @@ from kfit.geometry.camera import (
     pose_from_crop,
     viewing_ray,
     viewing_ray_rotation,
+    was_cropped,
 )
 from kfit.geometry.categories import CATEGORIES, Category
 from kfit.geometry.clusters import energy_weights, rotation_clusters, rotation_spread_deg
@@ -53,4 +54,5 @@ __all__ = [
     "to_opencv",
     "viewing_ray",
     "viewing_ray_rotation",
+    "was_cropped",
 ]

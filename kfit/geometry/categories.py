@@ -17,6 +17,7 @@ class Category:
         symmetry: ``"none"``, or ``"y"`` where the object looks the same turned freely about its vertical axis.
         mean_diagonal: mean length of the bounding box's diagonal in metres, over NOCS's CAMERA training set
             (constants of the released code, neural_object_fitting@7309348 eval.py).
+        diagonals: least and largest diagonal in metres of things that exist, from an espresso cup to a litre mug, say.
         unit_fraction: share of the width of kfit's training pictures that a unit diagonal spans; as large as leaves
             the category's widest outlines inside.
         sides: of a box that holds every object of the category, along NOCS's axes, in diagonals of the object.
@@ -28,6 +29,7 @@ class Category:
     nocs_id: int
     symmetry: Symmetry
     mean_diagonal: float
+    diagonals: tuple[float, float]
     unit_fraction: float
     sides: tuple[float, float, float]
     axes: str
@@ -42,11 +44,11 @@ class Category:
 CATEGORIES: dict[str, Category] = {
     category.name: category
     for category in (
-        Category("bottle", 1, "y", 0.34, 1.0, (0.52, 1.0, 0.52), "y up, free to turn about y"),
-        Category("bowl", 2, "y", 0.21, 1.25, (0.76, 0.55, 0.76), "y up, free to turn about y"),
-        Category("camera", 3, "none", 0.19, 1.0, (0.85, 0.8, 0.88), "y up, lens towards +x"),
-        Category("can", 4, "y", 0.15, 1.03, (0.75, 0.97, 0.75), "y up, free to turn about y"),
-        Category("laptop", 5, "none", 0.46, 1.0, (0.86, 0.65, 0.86), "y up, screen facing +x"),
-        Category("mug", 6, "none", 0.17, 1.15, (0.87, 0.75, 0.67), "y up, handle towards +x"),
+        Category("bottle", 1, "y", 0.34, (0.1, 0.6), 1.0, (0.52, 1.0, 0.52), "y up, free to turn about y"),
+        Category("bowl", 2, "y", 0.21, (0.08, 0.5), 1.25, (0.76, 0.55, 0.76), "y up, free to turn about y"),
+        Category("camera", 3, "none", 0.19, (0.07, 0.5), 1.0, (0.85, 0.8, 0.88), "y up, lens towards +x"),
+        Category("can", 4, "y", 0.15, (0.06, 0.35), 1.03, (0.75, 0.97, 0.75), "y up, free to turn about y"),
+        Category("laptop", 5, "none", 0.46, (0.22, 0.8), 1.0, (0.86, 0.65, 0.86), "y up, screen facing +x"),
+        Category("mug", 6, "none", 0.17, (0.07, 0.35), 1.15, (0.87, 0.75, 0.67), "y up, handle towards +x"),
     )
 }

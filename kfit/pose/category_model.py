@@ -168,7 +168,7 @@ class CategoryModel:
                 RGB: uint8, or floating point in [0, 1]. A list of V such: photos of one object by cameras whose poses
                 to one another are known; ``mask``, ``box`` and ``intrinsics`` are then lists too, and the answer is in
                 the first camera.
-            mask: (H, W), above 0 on the object.
+            mask: (H, W), above one half of its full scale (1, 255 or 65535) on the object.
             box: left, top, width, height in pixels.
             intrinsics: (3, 3).
             depth: (H, W) in metres along the camera's axis; what is not finite and above 0 is unknown.

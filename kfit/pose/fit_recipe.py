@@ -13,7 +13,7 @@ from kfit.initializers import EncoderPosterior
 from kfit.pose.category_model import CategoryModel
 from kfit.runtime.class_paths import current_path, read_old_paths
 from kfit.runtime.parse_errors import sentence
-from kfit.runtime.recipe_limits import check_recipe
+from kfit.runtime.recipe_limits import check_recipe, no_exit
 
 
 def fit_of(recipe: str | Path, model: CategoryModel, changes: Sequence[str] = ()) -> FitPipeline:
@@ -42,10 +42,12 @@ def fit_of(recipe: str | Path, model: CategoryModel, changes: Sequence[str] = ()
     parser.add_class_arguments(FitPipeline, skip={"generator"}, instantiate=False)
     parser.add_argument("--config", action="config")
     try:
-        said = parser.parse_args(["--config", str(path), *map(current_path, changes)])
+        with no_exit():
+            said = parser.parse_args(["--config", str(path), *map(current_path, changes)])
         if "selector.init_args.symmetry" in said:
             said["selector.init_args.symmetry"] = model.card.known.symmetry
-        parts = parser.instantiate(said).as_dict()
+        with no_exit():
+            parts = parser.instantiate(said).as_dict()
         parts.pop("config")
         if all("code" not in initializer.on for initializer in parts["initializers"]):
             parts["initializers"] = [*parts["initializers"], EncoderPosterior(model.encoder)]

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from kfit.geometry import intrinsics_from_fov
-from kfit.segmentation import GrabCut, Segmenter
+from kfit.pose.check_intrinsics import check_intrinsics
+from kfit.segmentation import GrabCut, Segment, Segmenter, binary_mask, clean_mask
 
-# Focal lengths over the photo's longer side: half of that sees 157° or more along it, more than any lens that draws
-# straight lines as straight (the widest see some 130°), the other is the length of a telescope (0.06°).
-LEAST_FOCAL, MOST_FOCAL = 0.1, 1000.0
+# How far arithmetic may have taken colours out of [0, 1].
+ROUNDING = 1e-3
 
 
 def as_numbers(name: str, value: Any) -> NDArray[Any]:
@@ -45,9 +45,11 @@ def as_photo(image: NDArray[Any]) -> NDArray[np.float32]:
         return pixels.astype(np.float32) / np.float32(255)
     if not np.issubdtype(pixels.dtype, np.floating):
         raise ValueError(f"image must be uint8 or floating point in [0, 1], got {pixels.dtype}")
-    if not (np.isfinite(pixels).all() and pixels.min() >= 0 and pixels.max() <= 1):
-        raise ValueError(f"image must lie in [0, 1], got numbers from {pixels.min():g} to {pixels.max():g}")
-    return pixels.astype(np.float32, copy=False)
+    least, most = pixels.min(), pixels.max()
+    if not (np.isfinite(pixels).all() and least >= -ROUNDING and most <= 1 + ROUNDING):
+        raise ValueError(f"image must lie in [0, 1], got numbers from {least:g} to {most:g}")
+    pixels = pixels.astype(np.float32, copy=False)
+    return pixels if least >= 0 and most <= 1 else pixels.clip(0, 1)
 
 
 def choose_mask(
@@ -57,9 +59,10 @@ def choose_mask(
     alpha: NDArray[np.float32] | None,
     segmenter: Segmenter | None,
     category: str,
-    notes: list[str],
-) -> NDArray[np.float32]:
+) -> Segment:
     """The mask (H, W): the one given, else the segmenter's, else GrabCut's in the box, else ``alpha``, else GrabCut's.
+
+    It is thresholded by `kfit.segmentation.binary_mask` where it was given, and cleaned by `clean_mask` in any case.
 
     Raises:
         ValueError: if a mask and something else that tells the object are given, or one of them cannot be used.
@@ -71,11 +74,12 @@ def choose_mask(
         given = as_numbers("mask", mask)
         if given.shape != pixels.shape[:2]:
             raise ValueError(f"mask must have the photo's shape {pixels.shape[:2]}, got {given.shape}")
-        if not (given > 0).any():
-            raise ValueError("mask is empty: none of its pixels is above 0")
-        return (given > 0).astype(np.float32)
+        there = binary_mask(given)
+        if not there.any():
+            raise ValueError("mask is empty: none of its pixels is above one half")
+        return clean_mask(there)
     if alpha is not None and box is None and segmenter is None:
-        return alpha
+        return clean_mask(alpha)
     if box is not None:
         given = as_numbers("box", box)
         if given.shape != (4,):
@@ -85,32 +89,34 @@ def choose_mask(
     if not (segmenter is None or callable(segmenter)):
         raise ValueError(f"segmenter must be an ONNX file or a Segmenter, got {type(segmenter).__name__}")
     found = (segmenter or GrabCut())(pixels, category, box)
-    notes.extend(found.notes)
-    return found.mask
+    clean = clean_mask(found.mask)
+    return Segment(clean.mask, found.notes + clean.notes, found.doubts + clean.doubts)
 
 
-def choose_depth(depth: NDArray[Any], mask: NDArray[np.float32]) -> Tensor:
-    """The depth map (H, W) as given, float32.
+def as_depth(depth: NDArray[Any], shape: tuple[int, ...]) -> NDArray[np.float32]:
+    """The depth map (H, W), float32.
 
     Raises:
-        ValueError: if it has not the photo's shape, or is known nowhere on the object.
+        ValueError: if it is no array of numbers, or has not the photo's shape.
     """
     with np.errstate(over="ignore"):  # what is too far for single precision becomes infinite, which is unknown
-        given = torch.as_tensor(as_numbers("depth", depth).astype(np.float32))
-    if given.shape != mask.shape:
-        raise ValueError(f"depth must have the photo's shape {mask.shape}, got {tuple(given.shape)}")
-    if not bool((given.isfinite() & (given > 0))[torch.from_numpy(mask > 0.5)].any()):
-        raise ValueError("depth is unknown everywhere on the object: no number there is above 0")
+        given = as_numbers("depth", depth).astype(np.float32)
+    if given.shape != shape:
+        raise ValueError(f"depth must have the photo's shape {shape}, got {given.shape}")
     return given
 
 
 def choose_camera(
-    pixels: NDArray[np.float32], intrinsics: NDArray[Any] | Tensor | None, known: Tensor | None, notes: list[str]
+    pixels: NDArray[np.float32],
+    intrinsics: NDArray[Any] | Tensor | None,
+    known: Tensor | None,
+    notes: list[str],
+    doubts: list[str],
 ) -> tuple[Tensor, str]:
     """Intrinsics (3, 3) and where they come from: "given", "EXIF" (``known``) or "assumed".
 
     Raises:
-        ValueError: if those given are no camera, or one that sees absurdly much or little of this photo.
+        ValueError: if those given are no camera, or one that cannot have taken this photo.
     """
     height, width = pixels.shape[:2]
     if intrinsics is not None:
@@ -119,17 +125,7 @@ def choose_camera(
             raise ValueError(f"intrinsics must be (3, 3) with focal lengths above 0, got {given.tolist()}")
         if given[1, 0] != 0 or given[2].tolist() != [0, 0, 1]:
             raise ValueError(f"intrinsics must have the rows (f, s, x), (0, f, y) and (0, 0, 1), got {given.tolist()}")
-        least, most = LEAST_FOCAL * max(width, height), MOST_FOCAL * max(width, height)
-        if not all(least <= focal <= most for focal in (given[0, 0], given[1, 1])):
-            raise ValueError(
-                f"intrinsics of a photo of {width} x {height} must have focal lengths from {least:g} to {most:g} "
-                f"pixels, got {given[0, 0]:g} and {given[1, 1]:g}"
-            )
-        x, y = given[0, 2], given[1, 2]
-        if not (-0.5 <= x <= width - 0.5 and -0.5 <= y <= height - 0.5):
-            notes.append(
-                "the principal point lies outside the photo: are these the intrinsics of a rescaled or cropped picture?"
-            )
+        check_intrinsics(given, width, height, notes, doubts)
         return given, "given"
     if known is not None:
         return known, "EXIF"

@@ -9,9 +9,11 @@ from torch import Tensor
 
 from kfit.core import FitResult, Rendering, Variables
 from kfit.generators.surface import Surface
+from kfit.geometry import CATEGORIES
 from kfit.pose.confidence import DOUBTFUL
 from kfit.pose.hypotheses import PoseHypotheses
-from kfit.pose.observed_object import PLAIN, WHOLE, ObservedObject
+from kfit.pose.object_depth import wrong_size
+from kfit.pose.observed_object import ObservedObject
 from kfit.pose.result import PoseResult
 
 
@@ -38,6 +40,8 @@ def interpret(
         surface: finds the fitted object's surface.
     """
     rotation, translation, size = placed
+    size_doubt = wrong_size(CATEGORIES[category], float(size.norm())) if "distance" in fit.values else None
+    most = DOUBTFUL if seen.doubtful or size_doubt is not None else 1.0
     rows, columns = (np.flatnonzero((seen.mask > 0.5).any(axis)) for axis in (1, 0))
     left, top = int(columns[0]), int(rows[0])
     return PoseResult(
@@ -48,12 +52,15 @@ def interpret(
         size_from="views" if "diagonal" in fit.values else "depth" if "distance" in fit.values else "mean size",
         bbox_xywh=(left, top, int(columns[-1]) + 1 - left, int(rows[-1]) + 1 - top),
         energy=float(fit.energy[0]),
-        confidence=min(hypotheses.confidence, 1.0 if {PLAIN, WHOLE}.isdisjoint(seen.notes) else DOUBTFUL),
+        confidence=min(hypotheses.confidence, most),
         ambiguous=hypotheses.ambiguity is not None,
         alternatives=hypotheses.alternatives,
         intrinsics=seen.intrinsics.double().numpy(),
         intrinsics_from=seen.intrinsics_from,
-        notes=[*seen.notes, *(note for note in (hypotheses.warning, hypotheses.ambiguity) if note is not None)],
+        notes=[
+            *seen.notes,
+            *(note for note in (size_doubt, hypotheses.warning, hypotheses.ambiguity) if note is not None),
+        ],
         image=seen.image,
         mask=seen.mask,
         crop=seen.crop,

@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from kfit.core import Observation
-from kfit.geometry import Crop, observed
+from kfit.geometry import CATEGORIES, Crop, observed
 from kfit.geometry.crop import MARGIN
-from kfit.pose.inputs import as_photo, choose_camera, choose_depth, choose_mask
+from kfit.pose.inputs import as_depth, as_photo, choose_camera, choose_mask
+from kfit.pose.object_depth import object_depth
 from kfit.segmentation import Photo, Segmenter, load_segmenter, mask_from_alpha, read_photo
 
-# Notes, with which an answer's confidence is held down.
+# Of the notes with which an answer's confidence is held down.
 PLAIN = "the object shows one colour: nothing but its outline tells its pose, and the confidence is 50 % at most"
 WHOLE = "the mask is the whole picture: it tells no outline, and the confidence is 50 % at most"
 _LEAST_SPREAD = 0.01
@@ -34,6 +35,7 @@ class ObservedObject:
         intrinsics: (3, 3) of the photo.
         intrinsics_from: "given", "EXIF" or "assumed".
         notes: sentences on what was assumed, and where the object is cut off or small.
+        doubtful: whether one of them holds the answer's confidence at 50 %.
     """
 
     observation: Observation
@@ -43,6 +45,7 @@ class ObservedObject:
     intrinsics: Tensor
     intrinsics_from: str
     notes: tuple[str, ...]
+    doubtful: bool = False
 
     @staticmethod
     def of(
@@ -66,27 +69,36 @@ class ObservedObject:
             FileNotFoundError, ValueError: for what cannot be used, in one sentence.
         """
         notes: list[str] = []
-        alpha, known = None, None
+        doubts: list[str] = []
+        alpha, known, camera_notes = None, None, tuple[str, ...]()
         if isinstance(image, str | Path | Photo):
             photo = image if isinstance(image, Photo) else read_photo(image)
-            pixels, known = photo.image, photo.intrinsics
+            pixels, known, camera_notes = photo.image, photo.intrinsics, photo.camera_notes
             alpha = None if photo.alpha is None else mask_from_alpha(photo.alpha)
         else:
             pixels = as_photo(image)
         if isinstance(segmenter, str | Path):
             segmenter = load_segmenter(segmenter)
-        found = choose_mask(pixels, mask, box, alpha, segmenter, category, notes)
-        camera, came_from = choose_camera(pixels, intrinsics, known, notes)
+        segment = choose_mask(pixels, mask, box, alpha, segmenter, category)
+        found = segment.mask
+        notes += segment.notes
+        doubts += segment.doubts
+        camera, came_from = choose_camera(pixels, intrinsics, known, notes, doubts)
+        notes += camera_notes if came_from == "EXIF" else ()
         crop = Crop.around(found, size)
         notes += [note for note in (cut_off(found), too_small(crop)) if note is not None]
         if depth is None:
             observation = crop.cut(pixels, found)
         else:
-            observation = observed(crop, pixels, found, choose_depth(depth, found), camera.double())
+            away = as_depth(depth, found.shape)
+            of_object, noted, doubted = object_depth(away, found, camera.double(), CATEGORIES[category])
+            notes += noted
+            doubts += doubted
+            observation = observed(crop, pixels, found, of_object, camera.double())
             if not bool(observation.field("depth").isfinite().any()):
                 raise ValueError(f"depth is known at too few pixels of the object: none is left in its {size} x {size}")
-        notes += [PLAIN] * _is_plain(observation) + [WHOLE] * bool((found > 0.5).all())
-        return ObservedObject(observation, pixels, found, crop, camera, came_from, tuple(notes))
+        doubts += [PLAIN] * _is_plain(observation) + [WHOLE] * bool((found > 0.5).all())
+        return ObservedObject(observation, pixels, found, crop, camera, came_from, (*notes, *doubts), bool(doubts))
 
 
 def _is_plain(observation: Observation) -> bool:

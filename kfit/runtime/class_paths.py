@@ -50,7 +50,10 @@ def current_paths(value: Any) -> Any:
 
 
 def read_old_paths() -> None:
-    """Have jsonargparse's parsers understand old class paths in the YAML that they read, in this process."""
+    """Have jsonargparse's parsers understand old class paths in the YAML that they read, in this process.
+
+    They also take the keys ``on`` and ``off`` for names, which YAML 1.1 takes for true and false.
+    """
     load = get_loader("yaml")
     if load is not _load:
         _loaders[:] = [load]
@@ -61,4 +64,12 @@ _loaders: list[Any] = []
 
 
 def _load(text: str) -> Any:
-    return current_paths(_loaders[0](text))
+    return current_paths(_with_names(_loaders[0](text)))
+
+
+def _with_names(value: Any) -> Any:
+    """Replace keys that are true or false by names, at any depth."""
+    if isinstance(value, dict):
+        names = {True: "on", False: "off"}
+        return {names[key] if isinstance(key, bool) else key: _with_names(one) for key, one in value.items()}
+    return [_with_names(one) for one in value] if isinstance(value, list) else value

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import io
 import logging
 import os
 import platform
@@ -62,7 +63,7 @@ def session(args: Sequence[str] | None) -> Iterator[list[str]]:
     log.addHandler(handler)
     log.setLevel(logging.ERROR if quiet else logging.DEBUG if verbose else logging.INFO)
     try:
-        with _endings(verbose), warnings.catch_warnings():
+        with _writable(), _drawing_to_files(), _endings(verbose), warnings.catch_warnings():
             if quiet and "verbose" in said:
                 raise ValueError("--quiet and --verbose were both given; say one of them")
             if quiet:
@@ -107,6 +108,32 @@ class _Stderr(logging.Handler):
     def emit(self, record: logging.LogRecord) -> None:
         with suppress(OSError):  # where nothing can be told, the exit status still tells
             print(_inert(self.format(record)), file=sys.stderr)
+
+
+@contextmanager
+def _writable() -> Iterator[None]:
+    """Write characters that the encoding of stdout lacks as escapes, instead of ending the work that they tell of."""
+    out = sys.stdout
+    if not isinstance(out, io.TextIOWrapper) or out.errors != "strict":
+        yield
+        return
+    out.reconfigure(errors="backslashreplace")
+    try:
+        yield
+    finally:
+        if not out.closed:
+            out.reconfigure(errors="strict")
+
+
+@contextmanager
+def _drawing_to_files() -> Iterator[None]:
+    """Keep Matplotlib from the backend that the environment names: it is not needed, and may not be there."""
+    before = os.environ.get("MPLBACKEND")
+    os.environ["MPLBACKEND"] = "agg"
+    try:
+        yield
+    finally:
+        os.environ.pop("MPLBACKEND") if before is None else os.environ.update(MPLBACKEND=before)
 
 
 def _flush() -> None:

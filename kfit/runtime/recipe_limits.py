@@ -2,12 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from traceback import walk_tb
 
 import yaml  # type: ignore[import-untyped]
 
 # Bytes, values with all that aliases repeat, and levels; kfit's own recipes have a hundredth.
 LARGEST, MOST_VALUES, DEEPEST = 200_000, 20_000, 30
+
+
+@contextmanager
+def no_exit() -> Iterator[None]:
+    """Turn the end of the program that an imported module asks for into an error.
+
+    Raises:
+        ValueError: where SystemExit was raised by other code than that which parses arguments.
+    """
+    try:
+        yield
+    except SystemExit as end:
+        *_, (frame, _) = walk_tb(end.__traceback__)
+        module = str(frame.f_globals.get("__name__"))
+        if module.partition(".")[0] in ("argparse", "jsonargparse"):  # such as after --help
+            raise
+        raise ValueError(f"module {module} ends the program when it is imported (sys.exit({end.code!r}))") from None
 
 
 def check_recipe(path: str | Path) -> None:

@@ -1,5 +1,6 @@
 """Where the object is: photos and masks from files, and masks found by networks, by GrabCut or told by others."""
 
+from kfit.segmentation.clean_mask import binary_mask, clean_mask
 from kfit.segmentation.detections import Detections, Detector
 from kfit.segmentation.frames import Frame, Frames, pictures
 from kfit.segmentation.grabcut import GrabCut, mask_from_box
@@ -27,6 +28,8 @@ __all__ = [
     "Segment",
     "Segmenter",
     "YoloSeg",
+    "binary_mask",
+    "clean_mask",
     "depth_from_file",
     "load_segmenter",
     "mask_from_alpha",

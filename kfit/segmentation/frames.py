@@ -12,7 +12,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from kfit.segmentation.photo import Photo, read_photo
+from kfit.segmentation.packet_sizes import size_change
+from kfit.segmentation.photo import LARGEST_PICTURE, Photo, read_photo
 
 PICTURES = (".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tif", ".tiff")
 USUAL_RATE = 30.0
@@ -107,8 +108,17 @@ class Clip(Frames):
         os.environ[_OPTIONS] = f"format_whitelist;{CLIPS}|protocol_whitelist;file"
         try:
             self._capture = cv2.VideoCapture(str(path))
+            change = size_change(path)
         finally:
             os.environ.pop(_OPTIONS) if before is None else os.environ.update({_OPTIONS: before})
+        across, down = (int(self._capture.get(side)) for side in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
+        if across * down > LARGEST_PICTURE:  # decoding one frame would take gigabytes
+            raise ValueError(
+                f"{path} has frames of {across} x {down} pixels, more than {LARGEST_PICTURE // 1_000_000} megapixels"
+            )
+        if change is not None:
+            number, size, first = change
+            raise ValueError(changed(f"{number} of {path}", size, first))
         self._read, self._next = self._capture.read()
         if not self._read:
             raise ValueError(f"{path} is not a clip that can be read, is damaged, or holds no frame")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,13 +12,21 @@ from numpy.typing import NDArray
 from PIL import Image, ImageOps, UnidentifiedImageError
 from torch import Tensor
 
-from kfit.geometry import intrinsics_from_exif
+from kfit.geometry import intrinsics_from_exif, was_cropped
 from kfit.runtime.ignored_warnings import ignore_warnings
+from kfit.segmentation.clean_mask import binary_mask
 
-LARGEST_SIDE = 10_000
+# Pixels of a side, and of a picture: phones take 64 megapixels, which are a gigabyte of memory while they are read.
+LARGEST_SIDE, LARGEST_PICTURE = 10_000, 65_000_000
 # Pillow reads more kinds, whatever a file is called; PostScript among them, a program that it has Ghostscript run.
 KINDS = ("AVIF", "BMP", "DIB", "GIF", "JPEG", "JPEG2000", "PNG", "PPM", "TGA", "TIFF", "WEBP")
-_EXIF_DIRECTORY = 0x8769
+# Of these, the ones that blur zeros into small numbers.
+LOSSY = ("AVIF", "JPEG", "JPEG2000", "MPO", "WEBP")
+CROPPED = (
+    "by its EXIF tags the photo was cropped after it was taken: it is assumed to be the middle of that photo, and not "
+    "scaled; distance and direction depend on it"
+)
+_EXIF_DIRECTORY, _TIFF_COLOURS, _YCBCR = 0x8769, 262, 6
 
 
 @dataclass(frozen=True)
@@ -28,11 +37,13 @@ class Photo:
         image: (H, W, 3) float32, RGB in [0, 1].
         alpha: (H, W) float32 in [0, 1], where the file has such a channel.
         intrinsics: (3, 3), where the EXIF tags tell the focal length.
+        camera_notes: sentences on what they rest on.
     """
 
     image: NDArray[np.float32]
     alpha: NDArray[np.float32] | None = None
     intrinsics: Tensor | None = None
+    camera_notes: tuple[str, ...] = ()
 
 
 def read_photo(path: str | Path) -> Photo:
@@ -43,27 +54,33 @@ def read_photo(path: str | Path) -> Photo:
 
     Raises:
         FileNotFoundError: if there is no such file.
-        ValueError: if it is no image, is damaged, or has more than 10,000 pixels on a side.
+        ValueError: if it is no image, is damaged, or has more than 10,000 pixels on a side or 65 megapixels.
     """
     picture, tags = _open(path)
     height, width = picture.height, picture.width
     alpha: NDArray[np.float32] | None = None
-    if picture.has_transparency_data:
-        picture = picture.convert("RGBA")
-        alpha = np.asarray(picture.getchannel("A"), np.float32) / np.float32(255)
     if picture.mode.startswith("I"):
-        # Pillow's own conversion would cut 16 bits off at 255.
-        grey = (np.asarray(picture, np.float32) / 65535).clip(0, 1)
+        # Pillow's own conversions would cut 16 bits off at 255.
+        values = np.asarray(picture)
+        if (clear := picture.info.get("transparency")) is not None:
+            alpha = (values != clear).astype(np.float32)
+        grey = (values.astype(np.float32) / np.float32(65535)).clip(0, 1)
         image = np.repeat(grey[..., None], 3, 2)
     elif picture.mode == "F":
         raise ValueError(f"{path} holds floating-point numbers of unknown range, not a photo")
     else:
-        image = np.asarray(picture.convert("RGB"), np.float32) / 255
-    return Photo(image, alpha, intrinsics_from_exif(tags, width, height))
+        if picture.has_transparency_data:
+            picture = picture.convert("RGBA")
+            alpha = np.asarray(picture.getchannel("A"), np.float32) / np.float32(255)
+        image = np.asarray(picture.convert("RGB"), np.float32)
+        image /= 255  # in place: a second one would be another gigabyte
+    intrinsics = intrinsics_from_exif(tags, width, height)
+    cropped = intrinsics is not None and was_cropped(tags, width, height)
+    return Photo(image, alpha, intrinsics, (CROPPED,) * cropped)
 
 
 def mask_from_file(path: str | Path, shape: tuple[int, int], may_be_empty: bool = False) -> NDArray[np.float32]:
-    """Read a mask: whatever is not 0 (in a palette, not entry 0) is object; in a JPEG, what is above 127.
+    """Read a mask: object is what `binary_mask` says of the largest channel; in a coloured palette, all but entry 0.
 
     Args:
         shape: (H, W) of the photo that it belongs to.
@@ -83,12 +100,14 @@ def mask_from_file(path: str | Path, shape: tuple[int, int], may_be_empty: bool 
         )
     if picture.mode in ("LA", "RGBA", "PA"):
         picture = picture.convert("RGB")
+    if picture.mode == "P" and _is_grey(picture.getpalette() or []):
+        picture = picture.convert("L")
     values = np.asarray(picture)
-    # JPEG blurs zeros into small numbers.
-    there = values > (127 if picture.format == "JPEG" else 0)
-    mask = np.asarray(np.atleast_3d(there).any(2), np.float32)
+    if picture.mode == "P":
+        values = values > 0
+    mask = binary_mask(np.atleast_3d(values).max(2), labels=picture.format not in LOSSY)
     if not (may_be_empty or mask.any()):
-        raise ValueError(f"mask {path} is empty: all of its pixels are 0")
+        raise ValueError(f"mask {path} is empty: none of its pixels is above one half")
     return mask
 
 
@@ -139,6 +158,11 @@ def mask_from_alpha(alpha: NDArray[np.float32] | None) -> NDArray[np.float32] | 
     return alpha
 
 
+def _is_grey(palette: Sequence[int]) -> bool:
+    """Whether a palette (red, green, blue by turns) holds greys alone."""
+    return palette[::3] == palette[1::3] == palette[2::3]
+
+
 def _check_file(path: str | Path) -> None:
     """Refuse what is no file: a pipe would be waited for."""
     if not Path(path).exists():
@@ -150,25 +174,30 @@ def _check_file(path: str | Path) -> None:
 def _open(path: str | Path) -> tuple[Image.Image, dict[int, object]]:
     """The upright picture and its EXIF tags."""
     _check_file(path)
-    size = None
+    size, colours = None, None
     try:
         # Pillow warns of large pictures, which are measured below, and of EXIF tags that it cannot read.
         with ignore_warnings(), Image.open(path, formats=KINDS) as picture:
             size, kind = picture.size, picture.format
-            if max(size) > LARGEST_SIDE:
+            colours = getattr(picture, "tag_v2", {}).get(_TIFF_COLOURS)
+            if max(size) > LARGEST_SIDE or size[0] * size[1] > LARGEST_PICTURE:
                 raise Image.DecompressionBombError
             exif = picture.getexif()
             tags = {**exif, **exif.get_ifd(_EXIF_DIRECTORY)}
             picture.load()
             upright = ImageOps.exif_transpose(picture)
     except Image.DecompressionBombError as error:
-        has = f"{size[0]} x {size[1]} pixels, more than" if size else "far more pixels than"
-        raise ValueError(f"{path} has {has} {LARGEST_SIDE:,} on a side") from error
+        has = f"{size[0]} x {size[1]} pixels" if size else "far too many pixels"
+        raise ValueError(
+            f"{path} has {has}; at most {LARGEST_SIDE:,} on a side and {LARGEST_PICTURE // 1_000_000} million are read"
+        ) from error
     except (UnidentifiedImageError, PermissionError) as error:
         raise ValueError(f"{path} is not an image that can be read") from error
     except MemoryError:
         raise
     except Exception as error:  # Pillow raises whatever its many parsers raise
+        if colours == _YCBCR:  # Pillow reads them from JPEG-compressed TIFFs alone
+            raise ValueError(f"{path} is damaged, or a TIFF of YCbCr colours, which is to be saved as RGB") from error
         raise ValueError(f"{path} is damaged or cut short") from error
     upright.format = kind
     return upright, tags

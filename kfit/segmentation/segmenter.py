@@ -20,10 +20,12 @@ class Segment:
     Attributes:
         mask: (H, W), 1 on the object and 0 elsewhere.
         notes: sentences on what was assumed.
+        doubts: sentences on what may be wrong, which hold the answer's confidence at 50 %.
     """
 
     mask: NDArray[np.float32]
     notes: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
 
 
 class Segmenter(ABC):

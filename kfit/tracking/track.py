@@ -32,7 +32,7 @@ def track(
     Args:
         model: with a pose head.
         frames: as `CategoryModel.pose` takes photos, all of one size and camera.
-        masks: (H, W) of every frame, above 0 on the object.
+        masks: (H, W) of every frame, above one half on the object.
         seed: decides the random numbers.
         first: what else `CategoryModel.pose` is to know of the first frame: ``mask``, ``box``, ``intrinsics``,
             ``segmenter``; ``intrinsics`` hold for all.

@@ -20,6 +20,8 @@ class TrackedPose:
         size: (3,) sides of the object's box, in metres.
         energy: by which the pose was chosen; lower is better.
         overlap: intersection over union of drawing and mask, in [0, 1]; low where the object is about to be lost.
+        confidence: that the rotation is within 20° of the truth, in [0, 1]; see `kfit.tracking.Tracker`.
+        lost: whether overlap or energy show that the pose is not the object's, or nothing was seen of it.
         anew: whether the frame was fitted from nothing: the first, and those where the object was lost.
         intrinsics: (3, 3).
         mask: (H, W) that was used.
@@ -33,6 +35,8 @@ class TrackedPose:
     size: NDArray[np.float64]
     energy: float
     overlap: float
+    confidence: float
+    lost: bool
     anew: bool
     intrinsics: NDArray[np.float64] = field(repr=False)
     mask: NDArray[np.float32] = field(repr=False)
@@ -42,5 +46,5 @@ class TrackedPose:
 
     @property
     def found(self) -> bool:
-        """Whether the object was seen; else the pose is the one where it was last."""
-        return self.overlap > 0
+        """Whether the object was seen, and the pose explains it."""
+        return not self.lost

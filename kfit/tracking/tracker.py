@@ -12,20 +12,22 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from kfit.core import Observation, Rendering, Variables, frozen
+from kfit.core import FitResult, Observation, Rendering, Variables, frozen
 from kfit.core.check import check_count
 from kfit.energies import L2, PosePrior, Silhouette
 from kfit.fitting.pipeline import FitPipeline
 from kfit.generators import SimilarityWarp
 from kfit.generators.similarity_warp import warp
-from kfit.geometry import Crop
+from kfit.geometry import Crop, rotation_error
 from kfit.initializers import PosePosterior
 from kfit.optimizers import GaussNewton
 from kfit.pose.category_model import CategoryModel
+from kfit.pose.confidence import DOUBTFUL, evidence
 from kfit.pose.defaults import default_energies
-from kfit.pose.inputs import as_photo, choose_mask
+from kfit.pose.hypotheses import alternatives, head_probability
+from kfit.pose.inputs import as_numbers, as_photo, choose_mask
 from kfit.pose.result import PoseResult
-from kfit.segmentation import Photo, mask_in_photo, read_photo
+from kfit.segmentation import Photo, binary_mask, mask_in_photo, read_photo
 from kfit.tracking.fixed_rendering import FixedRendering, FixedStart
 from kfit.tracking.tracked_pose import TrackedPose
 
@@ -38,12 +40,19 @@ BAND, WIDE_BAND = 0.05, 0.09
 LOST, GOOD = 0.6, 0.85
 # Times the usual energy above which it is, too, and how fast what is usual follows.
 UNUSUAL, LEARNING = 2.0, 0.2
+# Degrees from one frame to the next that are a jump to another pose, and frames without one until a pose is trusted.
+JUMP_DEG, CALM = 30.0, 5
 # Share of the last motion in what is expected of the next.
 MOMENTUM = 0.5
 
 
 class Tracker:
     """What `track` knows of the object from frame to frame; hand it the frames one by one, as they come.
+
+    A frame's confidence is that of the model's calibration, by the two poses that are compared in it in place of a
+    fit's starts, and the share of the pose head's probability near the better one. It is 50 % at most where the frame
+    is lost, where its mask differs from the drawing (an overlap below 0.85), where the energy is twice that of the last
+    frame that was fitted from nothing, and in the five frames after a jump of 30°; it is 0 where nothing is seen.
 
     Args:
         model: with a pose head.
@@ -71,6 +80,7 @@ class Tracker:
             num_starts=1,
             num_steps=STEPS,
         )
+        self.calm, self.before = CALM, torch.from_numpy(first.rotation)
         self._start(first)
 
     def _start(self, first: PoseResult) -> None:
@@ -93,15 +103,15 @@ class Tracker:
             num_starts=2,
             num_steps=0,
         )
-        self.usual = first.energy
-        self.last = self._told(first.energy, first.mask, first.observation, self._drawn(), anew=True)
+        self.usual = self.fitted = first.energy
+        self.last = self._told(first.energy, first.confidence, first.mask, first.observation, self._drawn(), anew=True)
 
     def __call__(self, frame: str | Path | Photo | NDArray[Any], mask: NDArray[Any] | None = None) -> TrackedPose:
         """Find the object in the next frame.
 
         Args:
             frame: as large as the ones before.
-            mask: (H, W), above 0 on the object, empty where it is not to be seen; else it is found.
+            mask: (H, W), above one half on the object, empty where it is not to be seen; else it is found.
 
         Returns:
             Where it is; where nothing stands out, where it was, with no overlap.
@@ -114,10 +124,10 @@ class Tracker:
         pixels = frame.image if isinstance(frame, Photo) else as_photo(frame)
         if pixels.shape[:2] != self.last.mask.shape:
             raise ValueError(f"frame must be as large as the first, {self.last.mask.shape}, got {pixels.shape[:2]}")
-        if mask is not None and not np.any(np.asarray(mask) > 0):
+        if mask is not None and not binary_mask(as_numbers("mask", mask)).any():
             return self._unseen()
         if mask is not None:
-            found = choose_mask(pixels, mask, None, None, None, self.model.card.category, [])
+            found = choose_mask(pixels, mask, None, None, None, self.model.card.category).mask
         else:
             nearby = self._nearby(pixels)
             if nearby is None:
@@ -131,24 +141,35 @@ class Tracker:
             self.crop.side / before.side,
         )
         seen = self.crop.cut(pixels, found)
-        energy = self._pose(seen)
+        energy, confidence = self._pose(seen)
         drawn = self._placed(seen)
         for name in self.motion:
             self.motion[name] = MOMENTUM * (self.motion[name] + _wrapped(self.values[name] - values[name]))
-        self.last = self._told(energy, found, seen, drawn, anew=False)
-        lost = self.last.overlap < LOST or energy > UNUSUAL * self.usual
+        self.last = self._told(energy, confidence, found, seen, drawn, anew=False)
         self.usual += LEARNING * (min(energy, UNUSUAL * self.usual) - self.usual)
-        return self._anew(pixels) if mask is None and lost else self.last
+        return self._anew(pixels) if mask is None and self.last.lost else self.last
 
-    def _pose(self, seen: Observation) -> float:
-        """Choose azimuth and elevation; the least energy."""
+    def _pose(self, seen: Observation) -> tuple[float, float]:
+        """Choose azimuth and elevation; the least energy, and the confidence."""
         moved = self.values | {name: self.values[name] + self.motion[name] for name in self.motion}
         told = self.values | self._read(seen)
         self.starts.values = {name: torch.cat([moved[name], told[name]]) for name in moved}
         best = self.rank(seen, seed=0)
         self.num_drawn += 3  # the two, and the winner once more
         self.values = dict(best.values)
-        return float(best.energy[0])
+        return float(best.energy[0]), self._confidence(best, seen)
+
+    def _confidence(self, ranked: FitResult, seen: Observation) -> float:
+        """What the model's calibration makes of the two poses that were compared and of the pose head's probability."""
+        symmetry, head = self.model.card.known.symmetry, self.model.pose_head
+        looks = self.model.pose_log_probabilities(seen.image)
+        found = alternatives(ranked, torch.eye(3, dtype=torch.float64), symmetry)
+        near = None if head is None or looks is None else head_probability(ranked, looks[0], head, symmetry)
+        calibration, told = self.model.card.calibration.get("RGB"), evidence(found, near)
+        if calibration is None or not set(calibration.coefficients) <= set(told):
+            return found[0].weight
+        sure = calibration.probability(told)
+        return min(sure, DOUBTFUL) if found[0].energy > calibration.energy_99 else sure
 
     def _read(self, seen: Observation) -> Variables:
         """The likeliest rotation by the pose head; roll is left out where the head does not predict it."""
@@ -174,7 +195,13 @@ class Tracker:
         return drawn
 
     def _told(
-        self, energy: float, mask: NDArray[np.float32], seen: Observation, drawn: Rendering, anew: bool
+        self,
+        energy: float,
+        confidence: float,
+        mask: NDArray[np.float32],
+        seen: Observation,
+        drawn: Rendering,
+        anew: bool,
     ) -> TrackedPose:
         """The answer, and what the next frame begins with."""
         own = {name: self.values[name] for name in LENGTHS}
@@ -184,12 +211,18 @@ class Tracker:
             away = self.silhouette.minimum(seen.field("mask")[0, 0]).sum()
             overlap = away / self.silhouette.maximum(seen.field("mask")[0, 0]).sum()
             rotation, translation, _ = self.model.placed(self.values, self.crop, self.camera)
+        lost = float(overlap) < LOST or energy > UNUSUAL * self.usual
+        jump = rotation_error(rotation[0], self.before, self.model.card.known.symmetry).rad2deg() > JUMP_DEG
+        self.calm, self.before = 0 if jump else self.calm + 1, rotation[0]
+        doubtful = lost or float(overlap) < GOOD or energy > UNUSUAL * self.fitted or self.calm < CALM
         return TrackedPose(
             rotation[0].numpy(),
             translation[0].numpy(),
             self.size,
             energy,
             float(overlap),
+            min(confidence, DOUBTFUL) if doubtful else confidence,
+            lost,
             anew,
             self.camera.double().numpy(),
             mask,
@@ -214,13 +247,16 @@ class Tracker:
         left, top = (middle - self.crop.side / 2 for middle in self.crop.centre)
         box = (left, top, self.crop.side, self.crop.side)
         try:
+            usual = self.usual
             self._start(self.model.pose(pixels, box=box, intrinsics=self.camera, seed=self.seed))
         except ValueError:  # nothing stands out there; perhaps it will in the next
             return self._unseen()
+        if self.last.energy > UNUSUAL * usual:  # what was found there is something else
+            self.last, self.usual = replace(self.last, lost=True, confidence=min(self.last.confidence, DOUBTFUL)), usual
         return self.last
 
     def _unseen(self) -> TrackedPose:
-        self.last = replace(self.last, overlap=0.0, anew=False)
+        self.last = replace(self.last, overlap=0.0, confidence=0.0, lost=True, anew=False)
         return self.last
 
 

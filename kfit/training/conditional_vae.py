@@ -31,7 +31,11 @@ class ConditionalVAE(Training):
     L = Σ_k w_k · mean_n e_k(G(z, pose), I) + λ · D_KL + w_ext · ‖extents(z) − extents‖₁,
     z = μ + σ·ε from the encoder's look at the other view, and
     D_KL = mean_n Σ_d ½ (μ² + σ² − 1 − log σ²) in nats, summed over the code and averaged over the batch, where each
-    energy averages over pixels and channels. (The released code averages KL over the code and never adds it.)
+    energy averages over pixels and channels.
+
+    The paper's λ is 1e-2, for terms whose normalisation it does not tell. As they are normalised here, 1e-2 lets codes
+    collapse, and 1e-4 is the default. The released code would weigh 10 · L1 + 0.01 · (KL averaged over the code), which
+    is λ = 6e-5 here for a code of 16, but never adds the KL term.
 
     Batches are those of `kfit.data.ViewsDataModule`; without extents in them, extents are not learned.
 

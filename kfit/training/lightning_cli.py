@@ -22,7 +22,7 @@ from kfit.runtime.class_paths import current_path, current_paths, read_old_paths
 from kfit.runtime.console import see_working_folder, session
 from kfit.runtime.help_page import HelpPage
 from kfit.runtime.parse_errors import sentence
-from kfit.runtime.recipe_limits import check_recipe
+from kfit.runtime.recipe_limits import check_recipe, no_exit
 from kfit.training import AtomicCheckpoints, ConditionalVAE, PictureGrid
 
 # Arguments of the model's parts that the category of the data decides, where a part has such an argument.
@@ -66,7 +66,8 @@ class _CLI(LightningCLI):
     def parse_arguments(self, parser: LightningArgumentParser, args: Any) -> None:
         """Understand the words, or raise a ValueError of one sentence."""
         try:
-            super().parse_arguments(parser, args)
+            with no_exit():
+                super().parse_arguments(parser, args)
         except (ArgumentError, TypeError) as error:
             command = " ".join(["kfit", *(word for word in args[:1] if word in COMMANDS)])
             told = sentence(str(error))
@@ -78,7 +79,8 @@ class _CLI(LightningCLI):
     def instantiate_classes(self) -> None:
         """Build the parts; of what one of them refuses, the sentence that it says."""
         try:
-            super().instantiate_classes()
+            with no_exit():
+                super().instantiate_classes()
         except ValueError as error:
             raise ValueError(sentence(str(error))) from error
 

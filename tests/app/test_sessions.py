@@ -11,7 +11,7 @@ from kfit.app import session
 from kfit.app.session import Session, Sessions
 from kfit.app.watched import Drawn
 from kfit.pose import PoseResult
-from kfit.segmentation import mask_from_box
+from kfit.segmentation import Photo, mask_from_box
 
 
 @pytest.fixture
@@ -67,7 +67,7 @@ def test_an_uploaded_mask_does_without_a_box(visit, upload, drawn_mug):
     visit.take(upload(drawn_mug[..., :3]))
     path = upload(drawn_mug[..., 3], "mask.png")
     visit.take_mask(path)
-    assert np.array_equal(visit.mask > 0, drawn_mug[..., 3] > 0)
+    assert np.array_equal(visit.mask > 0, drawn_mug[..., 3] > 127)
     assert not path.exists()
     assert visit.command("mug") == "kfit pose mug.png --category mug --mask mask.png"
     with pytest.raises(ValueError, match=r"^mask small.png has 9 x 9 pixels, the photo 128 x 128$"):
@@ -149,3 +149,25 @@ def test_the_session_used_longest_ago_makes_room(tmp_path):
     assert len(sessions) == session.MOST_SESSIONS
     assert first.folder.exists()
     assert not second.folder.exists()
+
+
+def test_sessions_that_wait_for_their_fits_make_no_room(tmp_path):
+    sessions = Sessions(tmp_path)
+    waiting = [sessions.of(str(k)) for k in range(4)]
+    for one in waiting:
+        one.busy = True
+    for k in range(4, 50):
+        sessions.of(str(k))
+    assert len(sessions) == session.MOST_SESSIONS
+    assert all(sessions.of(str(k)) is one for k, one in enumerate(waiting))
+
+
+def test_large_photos_make_room_earlier(tmp_path, monkeypatch):
+    monkeypatch.setattr(session, "MOST_PIXELS", 10_000)
+    sessions = Sessions(tmp_path)
+    first, second = sessions.of("0"), sessions.of("1")
+    first.photo = second.photo = Photo(np.zeros((80, 80, 3), np.float32))
+    sessions.of("2")
+    assert len(sessions) == 2
+    assert not first.folder.exists()
+    assert second.photo is not None

@@ -10,6 +10,7 @@ from kfit.generators import Template
 from kfit.optimizers import LevenbergMarquardt
 
 
+@pytest.mark.slow
 def test_registration_prints_a_table_and_who_is_more_accurate(capsys):
     main(["bench", "registration", "--pictures", "[coffee,coins]", "--size", "96"])
     said = capsys.readouterr().out
@@ -74,6 +75,7 @@ def test_a_mistake_gets_one_sentence(words, said, capsys):
     assert said in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_optimizers_prints_a_line_for_each_optimizer_and_problem(capsys):
     main(["bench", "optimizers", "--problems", "1", "--starts", "1", "--budget", "4"])
     said = capsys.readouterr().out

@@ -45,6 +45,7 @@ def cube(tmp_path: Path) -> Path:
     return tmp_path / "scans"
 
 
+@pytest.mark.slow
 def test_all_sources_are_printed_noted_in_the_card_and_written(
     tiny: Path, cube: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

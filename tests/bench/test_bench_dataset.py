@@ -16,6 +16,7 @@ def test_the_first_batch_is_counted_apart():
     assert float(whole) == pytest.approx((5 + (15_573 - 10) / 10) / 60, abs=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*LeafSpec")
 def test_a_folder_is_drawn_fitted_and_judged(tmp_path, capsys):
     words = ["--objects", "2", "--precisions", "[32-true]", "--out", str(tmp_path)]

@@ -37,6 +37,7 @@ def two(vgg16: str | None) -> dict[str, object]:
     return {name: lambda model: {"silhouette": (Silhouette(), 1.0)} for name in ("one", "other")}
 
 
+@pytest.mark.slow
 def test_each_energy_gets_a_row_and_nothing_is_measured_twice(
     tiny: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

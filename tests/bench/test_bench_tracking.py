@@ -10,6 +10,7 @@ from kfit.bench.tracking import section
 from kfit.cli.main import main
 
 
+@pytest.mark.slow
 def test_it_prints_a_row_for_each_way_and_writes_the_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = ["--categories", "[can]", "--clips", "1", "--frames", "2", "--out", str(tmp_path)]
     main(["bench", "following", *words])

@@ -36,7 +36,8 @@ def model(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return path
 
 
-def test_calibrate_writes_the_card_and_prints_a_table_that_check_repeats_on_other_views(
+@pytest.mark.slow
+def test_calibrate_writes_the_card_and_a_table_that_check_repeats(
     model: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     main(["calibrate", "--model", str(model), "--views", "7"])

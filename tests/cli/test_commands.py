@@ -100,6 +100,7 @@ def test_a_users_mistake_gets_one_sentence_and_writes_nothing(
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_bench_accuracy_prints_a_table(capsys: pytest.CaptureFixture[str]) -> None:
     main(["bench", "accuracy", "--categories", "[mug]", "--views", "2", "--starts", "2", "--steps", "1"])
     said = capsys.readouterr().out
@@ -118,6 +119,7 @@ def test_importing_the_commands_loads_no_torch() -> None:
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
+@pytest.mark.slow
 def test_a_fit_loads_nothing_that_it_does_not_need() -> None:
     # Each costs a tenth to half a second of the answer to a photo.
     heavy = ("sympy", "matplotlib", "lightning", "onnxruntime", "h5py", "torch._dynamo")

@@ -1,4 +1,5 @@
 import json
+from email.message import Message
 
 import pytest
 from model_file import card_of
@@ -54,3 +55,16 @@ def test_an_extra_tells_what_it_lacks_and_how_it_is_installed(there, monkeypatch
     assert found["export"]["installed"] is there
     assert found["export"]["lacks"] == ([] if there else ["onnxscript"])
     assert found["export"]["by"] == "pip install 'kfit[export]'"
+
+
+def test_an_extra_that_holds_others_lacks_what_they_lack(monkeypatch):
+    about = Message()
+    for line in ("onnxscript; extra == 'export'", "gone; extra == 'app'", "kfit[app,export]; extra == 'all'"):
+        about["Requires-Dist"] = line
+    for extra in ("app", "export", "all"):
+        about["Provides-Extra"] = extra
+    monkeypatch.setattr(info.metadata, "metadata", lambda name: about)
+    monkeypatch.setattr(info, "_version", lambda name: None if name == "gone" else "1.0")
+    found = {one["extra"]: one for one in info.extras()}
+    assert found["export"]["installed"]
+    assert found["all"]["lacks"] == ["gone"]

@@ -33,7 +33,11 @@ from kfit.training import lightning_cli as training
 
 ROOT = Path(__file__).parents[2]
 MASK = imread(ROOT / "examples" / "coffee_mask.png")
-PAGES = [ROOT / "README.md", *sorted(page for page in (ROOT / "docs").rglob("*.md") if "_build" not in page.parts)]
+PAGES = [
+    ROOT / "README.md",
+    ROOT / "CONTRIBUTING.md",
+    *sorted(page for page in (ROOT / "docs").rglob("*.md") if "_build" not in page.parts),
+]
 
 
 @dataclass
@@ -164,7 +168,11 @@ def go_through(page: Path, place: Path, slow: bool, monkeypatch: pytest.MonkeyPa
                     assert done.returncode == 0, f"{where}: {done.stderr}"
 
 
-@pytest.mark.parametrize("page", WITH_BLOCKS, ids=name_of)
+@pytest.mark.parametrize(
+    "page",
+    [pytest.param(page, marks=() if page == PAGES[0] else pytest.mark.slow) for page in WITH_BLOCKS],
+    ids=name_of,
+)
 def test_what_a_page_tells_to_type_works(page: Path, place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     go_through(page, place, False, monkeypatch)
 

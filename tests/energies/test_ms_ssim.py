@@ -26,7 +26,7 @@ def scikit_images_ssim(x, y):
 
 
 @pytest.mark.parametrize(("size", "num_scales", "changes"), [(64, 3, (0, 1, 2)), (176, 5, (1,))])
-def test_fine_scales_are_those_of_torchmetrics_and_the_coarsest_is_scikit_images_ssim(size, num_scales, changes):
+def test_fine_scales_are_torchmetrics_s_and_the_coarsest_scikit_image_s_ssim(size, num_scales, changes):
     x, changed = photos(size)
     total = sum(EXPONENTS[:num_scales])
     for y in changed[list(changes)].unsqueeze(1):

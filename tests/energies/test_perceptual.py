@@ -69,7 +69,7 @@ def test_the_target_goes_through_the_network_once():
     assert energy.network.calls == 4
 
 
-def test_its_network_neither_trains_nor_leaves_evaluation_and_the_given_one_stays_as_it_was():
+def test_its_network_is_a_frozen_copy_and_the_given_one_stays_as_it_was():
     given = nn.Sequential(nn.Conv2d(3, 4, 3), nn.BatchNorm2d(4))
     energy, (x, y) = Perceptual(given).train(), pictures()
     assert energy.training

@@ -44,7 +44,7 @@ def test_the_slope_passes_through_zero_without_a_jump(kind):
         torch.testing.assert_close(slope, (x - y).detach() / 0.1**2, rtol=rtol, atol=1e-6)
 
 
-def test_a_pixel_that_is_altogether_wrong_pulls_less_the_further_the_kernel_levels_off():
+def test_a_wrong_pixel_pulls_less_the_further_the_kernel_levels_off():
     slopes = []
     for kind in (Huber, Charbonnier, Cauchy, GemanMcClure, Welsch):
         x, y = at([0.6])

@@ -42,7 +42,7 @@ def test_its_last_block_under_the_packages_head_knows_a_cat_and_a_coffee(package
     assert package._fc(x).argmax().item() in classes
 
 
-def test_it_stops_after_the_last_block_asked_for_and_passes_gradients_to_the_picture():
+def test_it_stops_after_the_last_block_and_passes_gradients_to_the_picture():
     made = EfficientNetLite0()
     assert len(made.blocks) == 6
     assert not any(p.requires_grad for p in made.parameters())

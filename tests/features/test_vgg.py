@@ -121,7 +121,7 @@ def test_without_a_network_it_tells_how_to_pass_a_file(monkeypatch, tmp_path):
 
 
 @pytest.mark.skipif("KFIT_DEV_DATA" not in os.environ, reason="KFIT_DEV_DATA names no folder with weights/")
-def test_the_real_vgg16_finds_a_face_nearer_to_itself_moved_and_dimmed_than_to_a_cat():
+def test_the_real_vgg16_finds_a_dimmed_face_nearer_to_itself_than_to_a_cat():
     made = VGG16(weights=str(Path(os.environ["KFIT_DEV_DATA"]) / "weights" / "vgg16_features.safetensors"))
     face, other = (torch.from_numpy(p).permute(2, 0, 1)[None] / 255 for p in (astronaut(), cat()))
     pictures = (face[..., 40:168, 160:288], 0.8 * face[..., 41:169, 162:290], other[..., 60:188, 120:248])

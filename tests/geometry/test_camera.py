@@ -20,6 +20,7 @@ from kfit.geometry import (
     to_opencv,
     viewing_ray,
     viewing_ray_rotation,
+    was_cropped,
 )
 
 WIDTH, HEIGHT = 1200, 900
@@ -149,6 +150,24 @@ def test_the_focal_planes_resolution_serves_where_film_does_not() -> None:
     intrinsics = intrinsics_from_exif(tags, 1368, 912)
     assert intrinsics is not None
     assert float(intrinsics[0, 0]) == pytest.approx(50 / 22.3 * 1368, rel=1e-5)
+
+
+def test_a_cropped_photo_keeps_its_focal_length_in_pixels() -> None:
+    tags = {0xA405: 27, 0xA002: 4080, 0xA003: 3060}
+    whole, part = intrinsics_from_exif(tags, 4080, 3060), intrinsics_from_exif(tags, 2802, 2516)
+    assert whole is not None
+    assert part is not None
+    assert float(part[0, 0]) == float(whole[0, 0]) == pytest.approx(3182.6, abs=0.1)
+    assert was_cropped(tags, 2802, 2516)
+
+
+@pytest.mark.parametrize("size", [(1020, 765), (765, 1020), (4080, 3060), (8160, 6120), (1021, 765)])
+def test_a_photo_of_the_same_proportions_was_scaled(size: tuple[int, int]) -> None:
+    tags = {0xA405: 27, 0xA002: 4080, 0xA003: 3060}
+    found = intrinsics_from_exif(tags, *size)
+    assert found is not None
+    assert not was_cropped(tags, *size)
+    assert float(found[0, 0]) == pytest.approx(3182.6 * max(size) / 4080, rel=1e-4)
 
 
 @pytest.mark.parametrize(

@@ -137,7 +137,7 @@ def test_a_side_need_not_be_whole() -> None:
     assert math.isclose(Crop.around(box_mask(10, 10, 21, 21)).side, 14.3)
 
 
-def test_depth_is_the_mean_of_what_is_known_of_the_object_and_unknown_where_that_is_little():
+def test_depth_is_the_mean_of_the_object_s_known_pixels_unknown_where_few():
     mask = np.zeros((40, 40), np.float32)
     mask[10:30, 10:30] = 1
     depth = np.full((40, 40), 9.0, np.float32)  # the ground behind, which must not bleed in

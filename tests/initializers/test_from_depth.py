@@ -13,7 +13,7 @@ def given(depth, camera=CAMERA):
     return FromDepth(0.75)({}, Observation(torch.ones(1, 3, 8, 8), depth=depth, intrinsics=camera), 2, [])
 
 
-def test_focal_is_in_widths_of_a_unit_diagonal_and_distance_a_little_behind_what_is_seen():
+def test_focal_is_in_unit_diagonals_and_distance_a_little_behind_the_surface():
     depth = torch.full((1, 1, 8, 8), math.nan)
     depth[0, 0, 2, 2:5] = torch.tensor([0.9, 1.0, 5.0])
     found = given(depth)

@@ -28,7 +28,7 @@ def test_without_spread_every_start_is_the_answer() -> None:
     torch.testing.assert_close(given["code"], torch.ones(8, 3))
 
 
-def test_the_first_start_is_the_answer_and_the_others_spread_around_it_where_the_optimizer_walks() -> None:
+def test_the_first_start_is_the_answer_and_the_others_spread_around_it() -> None:
     given = starts(Previous(answer(), spread={"azimuth": 0.1, "scale": 0.2}), 4000)
     azimuth, scale = given["azimuth"].view(2, 4000), given["scale"].view(2, 4000)
     assert azimuth[:, 0].tolist() == pytest.approx([1.0, -2.0])

@@ -135,7 +135,7 @@ def test_a_mug_turns_freely_only_where_its_handle_is_known_to_be_hidden():
     assert (hidden, visible, untold) == (1, 0, 0)
 
 
-def test_a_category_without_objects_counts_as_nothing_or_spoils_the_mean_as_published():
+def test_a_category_without_objects_counts_as_the_published_evaluators_do():
     scores = evaluate_nocs([one("laptop", [HERE], [HERE], [1.0])])
     assert scores.iou(0.25)[:-1].tolist() == [0, 0, 0, 0, 1, 0]
     assert scores.iou(0.25)[-1] == pytest.approx(1 / 6)

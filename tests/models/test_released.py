@@ -61,7 +61,7 @@ def test_the_encoder_gives_the_released_code_s_codes(networks, reference):
     torch.testing.assert_close(torch.cat([mean, log_variance], 1), reference["encoded"], rtol=0, atol=1e-4)
 
 
-def test_the_encoder_computes_what_torch_s_spectral_norm_does_where_the_tanh_is_not_full(tmp_path, theirs):
+def test_the_encoder_computes_what_torch_s_spectral_norm_does(tmp_path, theirs):
     # The reference values all lie at the ends of the tanh; here u and v are singular vectors, as after training.
     layers: list[nn.Module] = []
     for index, (a, b) in enumerate(((3, 64), (64, 128), (128, 256), (256, 512))):

@@ -154,7 +154,7 @@ def test_a_poor_drawing_is_told_where_the_fit_is_the_model_s_own() -> None:
     assert confidence(model, fit_of(), found(energy=1.9), None)[1] is None
 
 
-def test_a_poor_drawing_of_the_look_is_told_where_fits_with_depth_have_no_calibration() -> None:
+def test_a_poor_drawing_is_reported_where_fits_with_depth_lack_calibration() -> None:
     terms = {"l1": torch.tensor([[[9.0, 0.5]], [[3.0, 0.1]]]), "depth": torch.ones(2, 1, 2)}
     fit = replace(fit_of(), history=History(terms["l1"] + terms["depth"], terms, {}))
     for start, energy, poor in ((0, 4.0, True), (1, 1.1, False)):

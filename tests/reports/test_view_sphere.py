@@ -15,9 +15,7 @@ from kfit.reports.view_sphere import camera_angles, view_sphere
 
 
 @pytest.mark.parametrize(("azimuth", "elevation"), [(0, 0), (-113, 53), (170, -10), (40, 85)])
-def test_the_camera_is_where_the_fit_saw_the_object_from_wherever_it_is_in_the_photo(
-    azimuth: float, elevation: float
-) -> None:
+def test_the_camera_is_where_the_fit_saw_the_object_from(azimuth: float, elevation: float) -> None:
     angles = torch.tensor([[azimuth], [elevation], [12.0]]).double().deg2rad()
     shift, scale = torch.tensor([[0.1, -0.2]]).double(), torch.ones(1).double()
     camera = intrinsics_from_fov(640, 480).double()

@@ -97,6 +97,7 @@ def test_what_is_usual_works(part):
         assert part == "build_views"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("part", "name"), ASKED, ids=[f"{part}.{name}" for part, name in ASKED])
 def test_a_wrong_argument_is_refused_by_its_name(part, name):
     if part in FETCHED and name == "weights":

@@ -11,6 +11,7 @@ SQUARE = np.zeros((60, 80), np.float32)
 SQUARE[15:45, 25:55] = 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("category", ["mug", "can"])
 @pytest.mark.parametrize(("colour", "mask"), [(1.0, SQUARE), (0.0, SQUARE), (0.5, SQUARE), (0.0, np.ones_like(SQUARE))])
 def test_a_picture_of_one_colour_is_answered_without_confidence(category: str, colour: float, mask: np.ndarray) -> None:

@@ -82,6 +82,7 @@ def check(name: str, tries: list[Try]) -> None:
     assert (last.end.status, last.after.keys()) == (0, WRITTEN[name])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", QUICK)
 def test_without_room_there_is_a_sentence_and_the_old_files_stay(name: str, quick: dict[str, list[Try]]) -> None:
     check(name, quick[name])

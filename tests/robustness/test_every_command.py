@@ -112,6 +112,7 @@ def test_every_command_is_asked() -> None:
     assert len(OPTIONS) > 90
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "action"), OPTIONS, ids=IDS)
 def test_a_value_of_another_type_is_refused_by_its_option(
     name: str, action: argparse.Action, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -132,6 +133,7 @@ def test_a_value_of_another_type_is_refused_by_its_option(
         refused(with_option(name, option, *["1"] * (action.nargs - 1)), capsys)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", RUNS)
 def test_unknown_options_and_beginnings_of_known_ones_are_refused(
     name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -148,6 +150,7 @@ WRITTEN = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "option"), WRITTEN)
 def test_a_place_that_cannot_be_written_to_is_refused_before_any_work(
     name: str, option: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -257,6 +260,7 @@ RANGES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", RANGES)
 def test_numbers_out_of_range_are_refused_before_any_work(
     name: str, files: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -286,10 +290,9 @@ TREES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:LightningCLI's args parameter")
-@pytest.mark.parametrize(
-    "word", [word if n < 4 else pytest.param(word, marks=pytest.mark.slow) for n, word in enumerate(TREES)]
-)
+@pytest.mark.parametrize("word", TREES)
 def test_a_training_s_mistakes_are_told_in_one_sentence(
     word: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

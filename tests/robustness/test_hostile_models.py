@@ -63,6 +63,7 @@ def refused(read: Callable[[Path], Any], path: Path) -> str:
     return sentence
 
 
+@pytest.mark.slow
 def test_whatever_stands_in_an_entry_of_a_card_is_taken_or_gets_a_sentence(tmp_path: Path) -> None:
     path, taken = tmp_path / "m.safetensors", 0
     for place in entries(CARD):

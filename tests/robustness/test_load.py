@@ -128,7 +128,8 @@ class TestNothingIsLeftBehind:
 
         leaves_nothing(broken, 24, 8)
 
-    @pytest.mark.parametrize("count", [10, pytest.param(MANY, marks=pytest.mark.slow)])
+    @pytest.mark.slow
+    @pytest.mark.parametrize("count", [10, MANY])
     def test_by_poses_of_one_model(self, mug, photos, count, scratch):
         fit = mug.pipeline(1, 0)
 
@@ -156,7 +157,8 @@ class TestNothingIsLeftBehind:
         tracker = Tracker(mug, mug.pose(clip.frames[0], mask=masks[0], intrinsics=clip.intrinsics))
         leaves_nothing(lambda number: tracker(clip.frames[number % 4], masks[number % 4]), MANY, 100)
 
-    @pytest.mark.parametrize("count", [40, pytest.param(MANY, marks=pytest.mark.slow)])
+    @pytest.mark.slow
+    @pytest.mark.parametrize("count", [40, MANY])
     def test_by_uploads_of_visitors_who_come_and_go(self, photos, count, scratch, tmp_path):
         from kfit.app.session import MOST_SESSIONS, Sessions
 

@@ -140,6 +140,7 @@ def test_a_texture_that_is_cut_short_is_refused(tmp_path: Path) -> None:
     check_refused(tmp_path / "m.obj")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["ply", "glb"])
 def test_cut_and_damaged_files_are_drawn_or_refused(kind: str, tmp_path: Path) -> None:
     whole, path, rng = trimesh.creation.box().export(file_type=kind), tmp_path / f"m.{kind}", np.random.default_rng(0)

@@ -215,8 +215,8 @@ def with_depth() -> Observation:
     return Observation(image, mask, depth + 0.5, torch.ones_like(mask), cameras, keys=(5, 6, 7))
 
 
-def test_depth_that_is_known_at_too_few_pixels_of_an_object_is_told_of_that_object_alone() -> None:
+def test_depth_known_at_too_few_pixels_is_reported_of_that_object_alone() -> None:
     depth = np.zeros((400, 400), np.float32)
-    depth[200, 200] = 0.6
+    depth[200, 200] = 0.2
     with pytest.raises(ValueError, match="depth is known at too few pixels of the object: none is left in its 64 x 64"):
         ObservedObject.of(np.ones((400, 400, 3), np.float32), "mug", 64, np.ones((400, 400)), depth=depth)

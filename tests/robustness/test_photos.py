@@ -62,6 +62,7 @@ def check_read_or_refused(path: Path) -> bool:
     return bool(said[-1])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_cut_and_damaged_pictures_are_read_or_refused(kind: str, tmp_path: Path) -> None:
     whole, path, rng = encoded(kind), tmp_path / f"p.{kind}", np.random.default_rng(1)
@@ -142,10 +143,10 @@ def test_a_photo_turned_by_exif_is_the_upright_one(orientation: int, tmp_path: P
 
 
 def test_a_picture_of_20000_pixels_a_side_takes_no_memory(tmp_path: Path) -> None:
-    for size in ((20_000, 20_000), (10_001, 1), (12_000, 9_000)):
+    for size in ((20_000, 20_000), (10_001, 1), (12_000, 9_000), (9_999, 9_999)):
         Image.new("1", size).save(tmp_path / "p.png")
         tracemalloc.start()
-        with pytest.raises(ValueError, match=r"more (pixels )?than 10,000 on a side"):
+        with pytest.raises(ValueError, match="at most 10,000 on a side and 65 million are read"):
             read_photo(tmp_path / "p.png")
         assert tracemalloc.get_traced_memory()[1] < 50e6
         tracemalloc.stop()
@@ -185,6 +186,7 @@ def test_odd_masks_are_taken(mask: str, tmp_path: Path) -> None:
         assert bool(seen.observation.field("image").isfinite().all())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("orientation", [6])
 def test_a_command_with_a_photo_turned_by_exif_takes_mask_and_box_in_upright_pixels(
     orientation: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

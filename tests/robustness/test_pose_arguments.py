@@ -95,3 +95,11 @@ def test_tensors_and_lists_do_as_well_as_arrays() -> None:
     plain = ObservedObject.of(photo, "mug", 32, GOOD, None, CAMERA)
     assert torch.equal(seen.observation.field("image"), plain.observation.field("image"))
     assert torch.equal(seen.intrinsics, plain.intrinsics)
+
+
+def test_colours_that_rounding_took_out_of_range_are_taken() -> None:
+    photo = PIXELS.astype(np.float64) / 255
+    photo[5, 5], photo[6, 6] = 1 + 1e-7, -1e-7
+    seen = ObservedObject.of(photo, "mug", 32, GOOD, None, CAMERA)
+    assert seen.image.min() == 0
+    assert seen.image.max() == 1

@@ -92,6 +92,7 @@ def wrong(recipe):
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("recipe", TRAINED, ids=lambda path: path.stem)
 def test_a_recipe_of_the_repository_is_understood_and_its_mistakes_are_told(recipe, capsys):
     assert parsed(recipe, recipe) == 0
@@ -109,6 +110,7 @@ def test_a_missing_recipe_and_a_folder_are_told(capsys, tmp_path):
     refused(capsys, tmp_path, TRAINED[-1], str(tmp_path))
 
 
+@pytest.mark.slow
 @FEW
 @given(st.binary(max_size=60) | VALUES.map(lambda value: yaml.safe_dump(value).encode()))
 def test_whatever_bytes_a_file_holds_lightning_ends_in_order(text):
@@ -152,10 +154,31 @@ def test_what_is_no_fit_is_refused(model, text):
         ({"initializers": []}, "initializers"),
         ({"energies": {}}, "energies"),
         ({"energies": [1]}, "energies"),
+        ({"energies": {"a.b": "kfit.energies.L1"}}, "a.b"),
+        ({"energies": {"__class__": "kfit.energies.L1"}}, "cannot be named '__class__'"),
+        ({"energies": {"keys": "kfit.energies.L1"}}, "cannot be named 'keys'"),
     ],
 )
 def test_a_fit_s_mistake_gets_one_sentence(model, change, told):
     one_sentence(model, yaml.safe_dump(fit() | change), told)
+
+
+def test_an_unquoted_on_is_a_name(model):
+    text = yaml.safe_dump(fit()).replace("kfit.energies.L1", "kfit.energies.L1\n  prior: {class_path: CODE}")
+    text = text.replace("CODE", "kfit.energies.CodePrior, init_args: {on: code}")
+    assert "on: code" in text
+    assert fit_of(written(text), model).energies["prior"].on == "code"
+
+
+def test_a_module_that_ends_the_program_ends_in_a_sentence(model, monkeypatch, capsys, tmp_path):
+    modules = tmp_path.parent / f"{tmp_path.name}_modules"
+    modules.mkdir()
+    (modules / "that_exits.py").write_text("import sys\nsys.exit(0)\n")
+    monkeypatch.syspath_prepend(str(modules))
+    told = "module that_exits ends the program when it is imported"
+    one_sentence(model, yaml.safe_dump(fit() | {"optimizer": "that_exits.Adam"}), told)
+    recipe = yaml.safe_load(TRAINED[-1].read_text()) | {"model": "that_exits.Model"}
+    refused(capsys, written(yaml.safe_dump(recipe)), TRAINED[-1], told)
 
 
 def test_a_fit_s_parts_must_be_there(model):
@@ -166,6 +189,7 @@ def test_a_fit_s_parts_must_be_there(model):
         one_sentence(model, yaml.safe_dump(recipe), name)
 
 
+@pytest.mark.slow
 @FEW
 @given(
     st.sampled_from(["optimizer", "selector", "num_starts", "num_steps", "weights", "energies", "callbacks"]), VALUES

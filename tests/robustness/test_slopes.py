@@ -37,12 +37,14 @@ def float64(*numbers: float) -> Tensor:
 
 
 class TestSlopesAreThoseOfDifferences:
+    @pytest.mark.slow
     @QUICK
     @given(TURNS, TURNS, TURNS)
     def test_of_rotations_at_any_angles(self, azimuth: float, elevation: float, roll: float) -> None:
         angles = [float64(angle).requires_grad_() for angle in (azimuth, elevation, roll)]
         assert torch.autograd.gradcheck(rotation_from_angles, angles)
 
+    @pytest.mark.slow
     @QUICK
     @given(TURNS, TURNS, TURNS)
     def test_of_a_pose_read_off_a_crop_at_any_angles(self, azimuth: float, elevation: float, roll: float) -> None:

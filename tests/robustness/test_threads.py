@@ -39,6 +39,7 @@ class TestThreads:
         for one, other in zip(at_once(lambda number: fit(blob(number), seed=number)), alone, strict=True):
             same_history(one, other)
 
+    @pytest.mark.slow
     def test_that_share_a_model_get_the_answers_that_they_get_alone(self, mug, photos):
         fit = mug.pipeline(2, 1, [Pruning({0: 1})])
 
@@ -51,7 +52,7 @@ class TestThreads:
             same_answer(one, other)
 
     @pytest.mark.slow
-    def test_that_load_and_fit_models_of_several_categories_get_the_answers_that_they_get_alone(self):
+    def test_that_load_and_fit_several_models_get_the_answers_that_they_get_alone(self):
         names = ("mug", "laptop", "bottle", "bowl", "can", "camera", "mug", "laptop")
         views = [seen(name, 3) for name in names]
 
@@ -94,6 +95,7 @@ class TestThreads:
             np.testing.assert_array_equal(image[-1], alone)
         assert warnings.filters == before
 
+    @pytest.mark.slow
     def test_that_write_reports_write_those_that_they_write_alone(self, mug, photos, tmp_path):
         result = mug.pose(photos[0].image, mask=photos[0].mask, pipeline=mug.pipeline(2, 1))
         alone, before = kfit.report(result, tmp_path / "alone.html").read_text(), dict(matplotlib.rcParams)
@@ -101,6 +103,7 @@ class TestThreads:
             assert page == alone
         assert dict(matplotlib.rcParams) == before
 
+    @pytest.mark.slow
     def test_and_whoever_called_keep_gradients_and_number_of_threads(self, mug, photos):
         before = torch.is_grad_enabled(), torch.get_num_threads(), torch.is_inference_mode_enabled()
         state = torch.random.get_rng_state()

@@ -1,7 +1,9 @@
 """Quiet, verbose, notes, progress, and how commands end."""
 
+import io
 import logging
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -118,6 +120,27 @@ def test_what_a_session_changes_is_as_before_after_it(command):
     command(talkative)
     main(["info", "-q"])
     assert (log.level, log.handlers) == before
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "cp1251", "cp932", "cp437"])
+def test_an_encoding_that_lacks_a_character_gets_an_escape(encoding, command, monkeypatch):
+    written = io.BytesIO()
+    out = io.TextIOWrapper(written, encoding)
+    monkeypatch.setattr(sys, "stdout", out)
+    command(lambda said: print("mug 15° away · Größe → жук 口"))
+    main(["info"])
+    assert out.errors == "strict"
+    assert re.fullmatch(r"mug 15.* away .* Gr.*e .*", written.getvalue().decode(encoding).strip())
+
+
+@pytest.mark.parametrize("backend", ["module://gone.missing", "no_such_backend"])
+def test_a_plotting_backend_that_is_missing_is_not_asked_for(backend, command, monkeypatch):
+    monkeypatch.setenv("MPLBACKEND", backend)
+    told = []
+    command(lambda said: told.append(os.environ["MPLBACKEND"]))
+    main(["info"])
+    assert told == ["agg"]
+    assert os.environ["MPLBACKEND"] == backend
 
 
 @pytest.mark.parametrize("words", [["pose", "-5", "--box", "-5", "0", "-v"], ["fit", "-c", "a.yaml", "-v", "--x=-q"]])

@@ -1,6 +1,8 @@
 """Frames read from clips and folders."""
 
 import os
+import resource
+import struct
 
 import cv2
 import numpy as np
@@ -8,6 +10,7 @@ import pytest
 from skimage.io import imsave
 
 from kfit.segmentation import Frames, pictures
+from kfit.segmentation.packet_sizes import CODECS
 
 SHADES = (40, 80, 120, 160, 200)
 
@@ -101,6 +104,39 @@ def test_what_cannot_be_read_gets_one_sentence(tmp_path):
     imsave(tmp_path / "one.png", np.zeros((8, 8, 3), np.uint8), check_contrast=False)
     with pytest.raises(ValueError, match="is one picture"):
         Frames.of(tmp_path / "one.png")
+
+
+def test_a_clip_of_huge_frames_is_refused_before_one_is_decoded(tmp_path):
+    size = struct.pack("<HH", 16000, 16000)
+    path = tmp_path / "huge.gif"
+    path.write_bytes(b"GIF89a" + size + b"\x80\0\0\0\0\0\xff\xff\xff,\0\0\0\0" + size + b"\0\2\2D\1\0;")
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(ValueError, match=r"huge\.gif has frames of 16000 x 16000 pixels, more than 65 megapixels"):
+        Frames.of(path)
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 100_000  # kilobytes
+
+
+def test_a_clip_whose_frames_change_size_is_refused(tmp_path):
+    path = tmp_path / "changing.mjpeg"
+    frames = [np.zeros((48, 64, 3), np.uint8)] * 3 + [np.zeros((80, 96, 3), np.uint8)]
+    path.write_bytes(b"".join(cv2.imencode(".jpg", frame)[1].tobytes() for frame in frames))
+    with pytest.raises(ValueError, match=r"frame 3 of .*changing\.mjpeg has 96 x 80 pixels, the first 64 x 48"):
+        Frames.of(path)
+    path.write_bytes(b"".join(cv2.imencode(".jpg", frame)[1].tobytes() for frame in frames[:3]))
+    assert len(list(Frames.of(path))) == 3
+
+
+@pytest.mark.parametrize(
+    ("codec", "packet"),
+    [
+        (b"VP80", "b003009d012a600050000047"),
+        (b"VP90", "824983420005f004f6003824"),
+    ],
+)
+def test_the_size_of_a_frame_is_read_off_its_packet(codec, packet):
+    # the first 12 bytes of what FFmpeg wrote of frames of 96 x 80
+    assert CODECS[codec](bytes.fromhex(packet)) == (96, 80)
+    assert CODECS[codec](b"\xff" * 12) is None
 
 
 def test_a_frame_of_another_size_is_named(tmp_path):

@@ -98,11 +98,35 @@ def test_half_a_file_is_damaged(tmp_path: Path, name: str) -> None:
 
 def test_a_picture_too_large_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = saved(tmp_path, "a.png", Image.new("1", (10_001, 4)))
-    with pytest.raises(ValueError, match="has 10001 x 4 pixels, more than 10,000 on a side"):
+    with pytest.raises(ValueError, match="has 10001 x 4 pixels; at most 10,000 on a side and 65 million are read"):
         read_photo(path)
     monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 1000)
-    with pytest.raises(ValueError, match="has far more pixels than 10,000 on a side"):
+    with pytest.raises(ValueError, match="has far too many pixels; at most"):
         read_photo(path)
+
+
+def test_a_clear_grey_of_sixteen_bits_becomes_alpha_and_the_others_stay(tmp_path: Path) -> None:
+    grey = np.array([[0, 1000, 30000], [65535, 400, 50000]], np.uint16)
+    read = read_photo(saved(tmp_path, "a.png", Image.fromarray(grey), transparency=400))
+    np.testing.assert_allclose(read.image[..., 0], grey / 65535, atol=1e-6)
+    assert read.alpha is not None
+    np.testing.assert_array_equal(read.alpha, grey != 400)
+
+
+def test_a_tiff_of_colours_that_cannot_be_read_is_not_just_called_damaged(tmp_path: Path) -> None:
+    path = saved(tmp_path, "a.tif", Image.fromarray(RGB).convert("YCbCr"))
+    with pytest.raises(ValueError, match=r"a\.tif is damaged, or a TIFF of YCbCr colours, which is to be saved as RGB"):
+        read_photo(path)
+
+
+def test_a_cropped_photo_says_what_its_camera_rests_on(tmp_path: Path) -> None:
+    tags = Image.Exif()
+    tags[0x112] = 1
+    tags.get_ifd(0x8769).update({0xA405: 27, 0xA002: 12, 0xA003: 6})
+    read = read_photo(saved(tmp_path, "a.png", Image.fromarray(RGB), exif=tags))
+    assert read.intrinsics is not None
+    assert float(read.intrinsics[0, 0]) == pytest.approx(27 * 180**0.5 / 43.267, abs=1e-3)
+    assert "cropped" in read.camera_notes[0]
 
 
 def test_floating_point_numbers_are_no_photo(tmp_path: Path) -> None:
@@ -113,7 +137,7 @@ def test_floating_point_numbers_are_no_photo(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("mode", "value"), [("L", 1), ("L", 255), ("RGB", (0, 0, 9)), ("RGBA", (9, 0, 0, 255)), ("I;16", 300)]
 )
-def test_whatever_is_not_zero_is_object(tmp_path: Path, mode: str, value: object) -> None:
+def test_small_numbers_other_than_zero_are_labels_of_objects(tmp_path: Path, mode: str, value: object) -> None:
     picture = Image.new(mode, (9, 6))
     picture.putpixel((4, 2), value)  # type: ignore[arg-type]
     mask = mask_from_file(saved(tmp_path, "m.png", picture), (6, 9))
@@ -129,18 +153,53 @@ def test_in_a_palette_entry_zero_is_background_whatever_its_colour(tmp_path: Pat
     assert mask_from_file(saved(tmp_path, "m.png", picture), (6, 9)).sum() == 1
 
 
-def test_a_jpeg_masks_blur_is_not_object(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("name", "how"),
+    [
+        ("m.jpg", {"quality": 60}),
+        ("m.webp", {"quality": 10}),
+        ("m.mpo", {"quality": 60, "save_all": True, "append_images": [Image.new("L", (64, 64))]}),
+        ("m.jp2", {"quality_layers": [5]}),
+    ],
+)
+def test_what_a_lossy_format_blurs_is_not_object(tmp_path: Path, name: str, how: dict[str, object]) -> None:
     values = np.zeros((64, 64), np.uint8)
     values[20:43, 17:40] = 255
-    path = saved(tmp_path, "m.jpg", Image.fromarray(values), quality=60)
+    path = saved(tmp_path, name, Image.fromarray(values), **how)
     np.testing.assert_array_equal(mask_from_file(path, (64, 64)), values / 255)
+
+
+def test_what_noise_a_lossy_format_leaves_of_nothing_is_no_label(tmp_path: Path) -> None:
+    noise = np.random.default_rng(0).integers(0, 9, (64, 64), np.uint8)
+    path = saved(tmp_path, "m.jpg", Image.fromarray(noise), quality=90)
+    assert mask_from_file(path, (64, 64), may_be_empty=True).sum() == 0
+
+
+def test_a_soft_matte_counts_from_one_half_on(tmp_path: Path) -> None:
+    hard = np.zeros((64, 64), np.uint8)
+    hard[20:43, 17:40] = 255
+    soft = cv2.GaussianBlur(hard, (0, 0), 3)
+    # the blur leaves the sides of a square where they are, and rounds its corners
+    found = mask_from_file(saved(tmp_path, "m.png", Image.fromarray(soft)), (64, 64))
+    np.testing.assert_array_equal(found[30], hard[30] / 255)
+    np.testing.assert_array_equal(found[:, 30], hard[:, 30] / 255)
+
+
+def test_a_palette_of_greys_is_read_as_greys(tmp_path: Path) -> None:
+    # as programs write that make small files: entry 0 need not be black
+    picture = Image.new("P", (9, 6), 1)
+    picture.putpalette([255, 255, 255, 0, 0, 0])
+    picture.putpixel((4, 2), 0)
+    mask = mask_from_file(saved(tmp_path, "m.png", picture), (6, 9))
+    assert mask.sum() == 1
+    assert mask[2, 4] == 1
 
 
 def test_a_mask_of_another_size_or_without_object_is_refused(tmp_path: Path) -> None:
     path = saved(tmp_path, "m.png", Image.new("L", (9, 6)))
     with pytest.raises(ValueError, match=r"m.png has 9 x 6 pixels, the photo 10 x 6"):
         mask_from_file(path, (6, 10))
-    with pytest.raises(ValueError, match=r"m.png is empty: all of its pixels are 0"):
+    with pytest.raises(ValueError, match=r"m.png is empty: none of its pixels is above one half"):
         mask_from_file(path, (6, 9))
 
 

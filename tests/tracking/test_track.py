@@ -81,3 +81,19 @@ def test_frames_of_another_size_and_missing_masks_are_named(laptop, clip):
         list(track(laptop, [clip.frames[0], clip.frames[1][:100]], mask=masks[0], intrinsics=clip.intrinsics))
     with pytest.raises(ValueError, match="fewer than frames"):
         list(track(laptop, clip.frames[:2], masks=masks[:1], intrinsics=clip.intrinsics))
+
+
+def test_a_frame_whose_drawing_explains_nothing_is_not_called_found(laptop, clip):
+    tracker = Tracker(laptop, laptop.pose(clip.frames[0], mask=clip.masks[0] > 0.5, intrinsics=clip.intrinsics))
+    assert tracker.last.found
+    assert tracker.last.confidence > 0.5
+    good = tracker(clip.frames[1], clip.masks[1] > 0.5)
+    assert good.found
+    assert good.confidence > 0.5
+    noise = np.random.default_rng(0).random(clip.frames[0].shape, np.float32)
+    wrong = tracker(noise, clip.masks[2] > 0.5)
+    assert not wrong.found
+    assert wrong.confidence <= 0.5
+    gone = tracker(clip.frames[3], np.zeros_like(clip.masks[3]))
+    assert not gone.found
+    assert gone.confidence == 0

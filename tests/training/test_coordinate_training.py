@@ -124,6 +124,7 @@ def test_some_steps_lessen_the_loss_and_the_checkpoint_holds_plain_data_alone(tm
     }  # fmt: skip
 
 
+@pytest.mark.slow
 @quiet
 @pytest.mark.filterwarnings("ignore:.*")  # of what Lightning says about so short a run
 def test_the_recipe_trains_and_its_checkpoint_gives_the_regressor_back(tmp_path, monkeypatch):

@@ -94,7 +94,7 @@ def kinds(parts):
 
 
 @pytest.mark.parametrize(("recipe", "grids"), [("smoke", 1), ("radiance_field", 1), ("pose_head", 0)])
-def test_a_fit_logs_into_tensorboard_and_a_table_in_one_folder_with_its_rate_and_pictures(started, recipe, grids):
+def test_a_training_logs_rate_and_pictures_into_tensorboard_and_a_table(started, recipe, grids):
     start("fit", recipe)
     (trainer,) = started
     assert kinds(trainer.loggers) == [CSVLogger, TensorBoardLogger]
@@ -139,6 +139,7 @@ def test_the_data_s_category_decides_by_what_rotations_a_test_counts(started):
     assert model_of("-c", RECIPES / "smoke.yaml").symmetry == "none"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("recipe", TRAINED)
 def test_a_printed_recipe_gives_the_same_run(recipe, capsys, tmp_path):
     command = "predict" if recipe == "fit_dataset" else "fit"
@@ -181,9 +182,7 @@ SMALL = (
 )  # fmt: skip
 
 
-def test_a_fit_stops_early_where_asked_and_says_nothing_needless_and_is_validated_and_tested(
-    monkeypatch, tmp_path, told, capsys
-):
+def test_a_training_stops_early_and_is_validated_and_tested_without_noise(monkeypatch, tmp_path, told, capsys):
     monkeypatch.chdir(tmp_path)
     stop = ("--trainer.callbacks+=EarlyStopping", "--trainer.callbacks.monitor", "val/l1")
     never = ("--trainer.callbacks.patience", 1, "--trainer.callbacks.min_delta", 1)

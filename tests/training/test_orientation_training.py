@@ -46,7 +46,7 @@ def logged(monkeypatch):
     return told
 
 
-def test_the_loss_is_the_mean_distance_of_sources_and_targets_and_the_median_error_is_told(logged):
+def test_the_loss_is_the_mean_distance_and_the_median_error_is_logged(logged):
     module, given = build().eval(), batch()
     with torch.no_grad():
         loss = module.training_step(given, 0)

@@ -67,7 +67,7 @@ def check(picture, rows):
 
 
 @pytest.mark.parametrize("logger", [CSVLogger, False])
-def test_where_no_logger_takes_pictures_files_hold_a_row_an_object_after_each_validation(tmp_path, logger):
+def test_where_no_logger_takes_pictures_files_hold_a_row_an_object(tmp_path, logger):
     run(tmp_path, PictureGrid(3, 2), logger and logger(tmp_path, "", ""), epochs=2)
     assert sorted(path.name for path in tmp_path.rglob("*.png")) == ["epoch_000.png", "epoch_001.png"]
     check(imread(tmp_path / "pictures" / "epoch_001.png"), rows=(0, 1, 3))

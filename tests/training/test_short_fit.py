@@ -56,7 +56,7 @@ def views(count=6):
 
 
 @pytest.mark.parametrize("masks", [True, False])
-def test_it_finds_poses_of_which_nothing_is_known_whatever_autocast_and_inference_mode_say(masks):
+def test_it_finds_unknown_poses_under_autocast_and_inference_mode(masks):
     drawn, azimuth, elevation = views()
     with torch.inference_mode(), torch.autocast("cpu", torch.bfloat16):
         found = fitted_rotations(ThreeSpots(masks), Blank(), Observation(drawn.image, drawn.mask if masks else None))
@@ -66,6 +66,7 @@ def test_it_finds_poses_of_which_nothing_is_known_whatever_autocast_and_inferenc
     assert errors.quantile(0.5) < 5
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings(
     "ignore:.*does not have many workers", r"ignore:`isinstance\(treespec, LeafSpec\)` is deprecated:FutureWarning"
 )

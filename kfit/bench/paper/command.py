@@ -1,4 +1,4 @@
-"""Repeat the paper's tables and figures on objects that kfit draws itself."""
+"""Make tables and figures after the paper's, of objects that kfit draws itself."""
 
 from __future__ import annotations
 
@@ -16,8 +16,9 @@ def parser() -> ArgumentParser:
     """Arguments of ``kfit bench paper``."""
     parser = ArgumentParser(
         description="Train what is not trained yet, fit unseen procedural objects, and write DIR/README.md with the "
-        "tables and figures of the paper (Chen et al., ECCV 2020). Whatever was trained or measured before is not done "
-        "again, so that an interrupted run goes on where it stopped. Tables: 1a (w/o 3D, w/o VAE, full), 1b (code of "
+        "tables and figures like those of the paper (Chen et al., ECCV 2020), by kfit's energies and compact networks. "
+        "Whatever was trained or measured before is not done again, so that an interrupted run goes on where it "
+        "stopped. Tables: 1a (w/o 3D, w/o VAE, full), 1b (code of "
         "4, 16, 128), 2a (energies), backbone (VAE3D against RadianceField), curves (RGB, RGB-D, regressor, "
         "NOCS-style, pose head) and robustness (laptops).",
         epilog="example, which takes some 20 minutes from trained weights:\n  kfit bench paper --tables '[1a,2a]' "

@@ -38,11 +38,11 @@ def _code(dim: int) -> tuple[str, ...]:
 
 
 VARIANTS = {
-    "full": Variant("full (VAE3D, code of 16)"),
-    "without_3d": Variant("w/o 3D", settings=("--model.init_args.generator", "kfit.generators.VAE2D")),
-    "without_vae": Variant("w/o VAE", settings=("--model.init_args.kl_weight", "0")),
-    "code_4": Variant("code of 4", settings=_code(4)),
-    "code_128": Variant("code of 128", settings=_code(128)),
+    "full": Variant("compact VAE3D, code of 16"),
+    "without_3d": Variant("compact VAE2D (w/o 3D)", settings=("--model.init_args.generator", "kfit.generators.VAE2D")),
+    "without_vae": Variant("compact VAE3D, no KL term (w/o VAE)", settings=("--model.init_args.kl_weight", "0")),
+    "code_4": Variant("compact VAE3D, code of 4", settings=_code(4)),
+    "code_128": Variant("compact VAE3D, code of 128", settings=_code(128)),
     "field": Variant("RadianceField", settings=("--model.init_args.generator", "kfit.generators.RadianceField")),
     "regressor": Variant("VGG16 regressor", "regressor.yaml", networks=("regressor",)),
     "coordinates": Variant("NOCS-style, RGB-D", "nocs_regressor.yaml", networks=("regressor",)),

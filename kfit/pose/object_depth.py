@@ -1,0 +1,114 @@
+"""Whether a depth map can be that of the object: its unit, by the sizes of the category, and what lies apart."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from kfit.geometry import Category
+
+# How many times too far a depth is that was read as metres, or as millimetres in a 16-bit picture, and was not.
+UNITS = {
+    "millimetres read as metres": 1000.0,
+    "centimetres read as metres": 100.0,
+    "inches read as metres": 1 / 0.0254,
+    "0.1 mm read as millimetres": 10.0,
+    "1/5000 m read as millimetres": 5.0,
+    "0.25 mm read as millimetres": 4.0,
+    "feet read as metres": 1 / 0.3048,
+    "1/256 m read as millimetres": 0.256,
+    "centimetres read as millimetres": 0.1,
+    "metres divided by 1000": 0.001,
+}
+# An object's outline spans 0.3 to 1.1 diagonals of its box, whatever side it shows. Twice that is left for its own size
+# and for an assumed camera.
+NARROW, WIDE = 0.3 / 2, 1.1 * 2
+# What is seen of an object is no deeper than so many outlines.
+DEEP = 1.6
+# Of two groups of depths, the nearer is the object if it has this share of the larger one's pixels.
+NEARER = 0.8
+# Shares of the known depths that belong together: a note below the first, a doubt below the second.
+MOST, FEW = 0.98, 0.7
+
+
+def object_depth(
+    depth: NDArray[Any], mask: NDArray[np.float32], intrinsics: Tensor, category: Category
+) -> tuple[Tensor, list[str], list[str]]:
+    """Mark as unknown what of a depth map cannot be the object.
+
+    No two points of an object are farther apart than the largest diagonal of its category, and what is seen of one is
+    no deeper than 1.6 times its outline is large. The interval of this length that holds most of the known depths on
+    the mask is the object, the nearer of two that hold about as many; depths farther than this from its median become
+    unknown.
+
+    Args:
+        depth: (H, W) in metres along the camera's axis, unknown where it is not finite or not above 0.
+        mask: (H, W), above 1/2 on the object.
+        intrinsics: (3, 3).
+        category: of the object.
+
+    Returns:
+        (H, W) with NaN where the object's depth is unknown; notes; and doubts, which hold the confidence at 50 %.
+
+    Raises:
+        ValueError: if no depth is known on the mask, or the object would be far larger or smaller than its category
+            allows.
+    """
+    there = mask > 0.5
+    known = there & np.isfinite(depth) & (depth > 0)
+    if not known.any():
+        raise ValueError("depth is unknown everywhere on the object: no number there is above 0")
+    outline = _outline(there, float(np.median(depth[known])), intrinsics)
+    least, most = category.diagonals
+    if not NARROW * least <= outline <= WIDE * most:
+        raise ValueError(_sentence(category, outline))
+    length = min(most, DEEP * outline)
+    values = np.sort(depth[known].astype(np.float64))
+    held = np.searchsorted(values, values + length, side="right") - np.arange(len(values))
+    first = int((held >= NEARER * held.max()).argmax())
+    middle = np.median(values[first : first + held[first]])
+    kept = known & (np.abs(depth - middle) <= length)
+    found = torch.from_numpy(np.where(kept | ~there, depth, np.nan).astype(np.float32))
+    share = kept.sum() / known.sum()
+    if share >= MOST:
+        return found, [], []
+    told = (
+        f"{100 * (1 - share):.0f} % of the depths on the object lie more than {length:.2g} m from the "
+        "median and are taken for unknown"
+    )
+    if share >= FEW:
+        return found, [told], []
+    return found, [], [f"{told}: does the mask cover the background? The confidence is 50 % at most"]
+
+
+def wrong_size(category: Category, diagonal: float) -> str | None:
+    """A sentence where a box diagonal in metres that was found by depth is out of the category's range."""
+    least, most = category.diagonals
+    if least <= diagonal <= most:
+        return None
+    return f"{_sentence(category, diagonal)}; the confidence is 50 % at most"
+
+
+def _outline(there: NDArray[np.bool_], distance: float, intrinsics: Tensor) -> float:
+    """Diagonal in metres of the box about a mask's pixels, at a distance."""
+    rows, columns = (np.flatnonzero(there.any(axis)) for axis in (1, 0))
+    across = math.hypot(int(np.ptp(rows)) + 1, int(np.ptp(columns)) + 1)
+    return distance * across / float(intrinsics[0, 0] + intrinsics[1, 1]) * 2
+
+
+def _sentence(category: Category, diagonal: float) -> str:
+    least, most = category.diagonals
+    told = (
+        f"depth makes the {category.name} {diagonal:.3g} m large, but the diagonal of a {category.name}'s box is "
+        f"between {least:g} and {most:g} m"
+    )
+    fitting = [name for name, times in UNITS.items() if least <= diagonal / times <= most]
+    likely = sorted(fitting, key=lambda name: abs(math.log(diagonal / UNITS[name] / category.mean_diagonal)))[:2]
+    if not likely:
+        return f"{told}: is it in metres, are the intrinsics right, and is the mask the object's?"
+    return f"{told}: is its unit wrong ({' or '.join(likely)})?"

@@ -1,0 +1,89 @@
+"""A mask made ready to use: thresholded at one half, without stray parts."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import minimum  # type: ignore[import-untyped]
+
+from kfit.segmentation.segmenter import Segment
+
+# Values of a mask that is 1 on the object, in floating point, 8 and 16 bits.
+FULL_SCALES = (1, 255, 65535)
+# Shares of the largest part's area: a smaller part is a speck wherever it lies; a part far away is dropped up to the
+# second, and may be another object beyond it.
+SPECK, STRAY = 0.01, 0.25
+# Shares of the longer side of the largest part's box: a gap beyond it is more than a strap or a finger would leave.
+FAR = 0.1
+
+
+def binary_mask(values: NDArray[Any], labels: bool = True) -> NDArray[np.float32]:
+    """Threshold a mask at one half of its full scale.
+
+    The full scale is the smallest of 1, 255 and 65535 that no value exceeds. Soft borders, blur and what a lossy format
+    leaves of zeros thus lie on their own side of one half.
+
+    Args:
+        values: (H, W), numbers or booleans; NaN is background.
+        labels: values above 1 of which none reaches one half of the full scale are numbers of objects: all above 0 is
+            object. Lossy formats hold no such numbers.
+
+    Returns:
+        (H, W), 1 on the object and 0 elsewhere; it may be empty.
+
+    >>> binary_mask(np.array([[0, 100, 200, 255]], np.uint8))
+    array([[0., 0., 1., 1.]], dtype=float32)
+    """
+    top = float(np.nanmax(values, initial=0))
+    full = next((scale for scale in FULL_SCALES if top <= scale), 2 * top)
+    there = values > full / 2
+    if labels and top > 1 and not there.any():
+        there = values > 0
+    return there.astype(np.float32)
+
+
+def clean_mask(mask: NDArray[np.float32]) -> Segment:
+    """Drop the parts of a mask that are no part of the object.
+
+    Dropped are connected parts (8 neighbours) with less than 1 % of the largest one's area, and those with less than a
+    quarter that lie farther from it than a tenth of its box's longer side. A larger part that far away stays, with a
+    doubt: it is another object, or the same one behind something.
+
+    Args:
+        mask: (H, W) in [0, 1], above 1/2 on the object; fractions are kept. Empty masks stay as they are.
+
+    Returns:
+        The mask, with a note where parts were dropped and a doubt where a large one lies far away.
+    """
+    there = (mask > 0.5).astype(np.uint8)
+    number, parts, stats, _ = cv2.connectedComponentsWithStats(there)
+    if number <= 2:
+        return Segment(mask)
+    area = stats[:, cv2.CC_STAT_AREA].astype(float)
+    area[0] = 0
+    main = int(area.argmax())
+    share = area / area[main]
+    away = cv2.distanceTransform((parts != main).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    gap = np.asarray(minimum(away, parts, range(number)))
+    far = gap > FAR * max(stats[main, cv2.CC_STAT_WIDTH], stats[main, cv2.CC_STAT_HEIGHT])
+    dropped = (share < SPECK) | (far & (share < STRAY))
+    dropped[0] = False
+    doubts: tuple[str, ...] = ()
+    if (far & ~dropped)[1:].any():
+        doubts = ("the mask has large parts far apart: is it of two objects? The confidence is 50 % at most",)
+    if not dropped.any():
+        return Segment(mask, doubts=doubts)
+    stray = dropped[parts]
+    # Soft borders go with the part that is nearer.
+    to_kept, to_stray = (
+        cv2.distanceTransform((~near).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+        for near in ((there > 0) & ~stray, stray)
+    )
+    note = (
+        f"parts of the mask that are tiny or far from the object were left out: {int(dropped.sum())}, with "
+        f"{100 * area[dropped].sum() / area.sum():.2g} % of its pixels"
+    )
+    return Segment(np.where(to_stray < to_kept, np.float32(0), mask), (note,), doubts)
