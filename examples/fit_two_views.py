@@ -42,10 +42,10 @@ fit = FitPipeline(
     generator,
     {"outline": Silhouette(), "structure": SSIM()},
     weights={"outline": 5.0},
-    initializers=[Constant({"rotation": away.tolist(), "translation": [0.0, 0.0, 0.65]}, spread={"rotation": 0.08})],
+    initializers=[Constant({"rotation": away.tolist(), "translation": [0.0, 0.0, 0.65]}, spread={"rotation": 0.15})],
     optimizer=Adam({"rotation": 0.012, "translation": 0.006}, (0.7, 0.95), decay=0.97),
     callbacks=[Pruning({8: 4, 16: 2})],
-    **{"num_starts": 8, "num_steps": 50},
+    **{"num_candidates": 96, "num_starts": 8, "num_steps": 50},
 )
 found = fit(Observation(cut_out, seen.mask, views=2, **cameras), seed=0).values
 degrees = torch.rad2deg(rotation_error(found["rotation"], rotation)).item()

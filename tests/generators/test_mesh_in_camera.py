@@ -88,12 +88,13 @@ def test_two_views_find_a_pose_from_forty_degrees_away(mug):
     found = FitPipeline(
         drawer,
         {"outline": Silhouette(), "colour": L2()},
-        [Constant(start, spread={"rotation": 0.05})],
-        Adam({"rotation": 0.02, "translation": 0.02}),
+        [Constant(start, spread={"rotation": 0.15})],
+        Adam({"rotation": 0.01, "translation": 0.03}, decay=0.96),
         num_starts=4,
+        num_candidates=64,
         num_steps=40,
     )(observation, seed=0)
-    assert found.num_evaluations == 2 * 4 * 41
+    assert found.num_evaluations == 2 * (64 + 4 * 41)
     assert float(torch.rad2deg(rotation_error(found.values["rotation"], truth["rotation"]))) < 3
     assert float((found.values["translation"] - truth["translation"]).norm()) < 0.1
 
