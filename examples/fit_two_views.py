@@ -17,7 +17,7 @@ from kfit import FitPipeline, Observation
 from kfit.callbacks import Pruning
 from kfit.core import SO3
 from kfit.data import build
-from kfit.energies import SSIM, Silhouette
+from kfit.energies import L2, Silhouette
 from kfit.generators import MeshInCamera
 from kfit.geometry import rotation_error
 from kfit.initializers import Constant
@@ -40,10 +40,10 @@ cut_out = photos * seen.mask + 1 - seen.mask
 away = rotation[0] @ SO3().to_value(torch.tensor([0.0, 40 / 180, 0.0]))
 fit = FitPipeline(
     generator,
-    {"outline": Silhouette(), "structure": SSIM()},
-    weights={"outline": 5.0},
-    initializers=[Constant({"rotation": away.tolist(), "translation": [0.0, 0.0, 0.65]}, spread={"rotation": 0.15})],
-    optimizer=Adam({"rotation": 0.012, "translation": 0.006}, (0.7, 0.95), decay=0.97),
+    {"outline": Silhouette(), "color": L2()},
+    weights={"color": 5.0},
+    initializers=[Constant({"rotation": away.tolist(), "translation": [0.02, 0.0, 0.62]}, spread={"rotation": 0.15})],
+    optimizer=Adam({"rotation": 0.01, "translation": 0.004}, decay=0.96),
     callbacks=[Pruning({8: 4, 16: 2})],
     **{"num_candidates": 96, "num_starts": 8, "num_steps": 50},
 )

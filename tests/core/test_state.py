@@ -35,7 +35,7 @@ def test_a_whole_observation_is_taken():
 @pytest.mark.parametrize("name", GOOD)
 def test_an_observation_of_a_wrong_shape_is_refused_by_the_name_of_the_field(name):
     with pytest.raises(ValueError, match=rf"^{name} must have shape"):
-        Observation(**{**GOOD, name: GOOD[name][None]})
+        Observation(**{**GOOD, name: GOOD[name][0]})  # with an axis more, an image is a volume
 
 
 @pytest.mark.parametrize("name", [name for name in GOOD if name != "image"])
