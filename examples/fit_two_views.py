@@ -26,7 +26,7 @@ from kfit.reports.picture_table import picture_table
 
 mesh, _ = build("mug", 7)  # any mesh: 15 cm across here
 camera = torch.tensor([[190.0, 0.0, 47.5], [0.0, 190.0, 35.5], [0.0, 0.0, 1.0]])  # pictures of 96 × 72
-generator = MeshInCamera(0.15 * mesh.vertices, mesh.faces, mesh.uv, mesh.texture, (72, 96), num_points=6000)
+generator = MeshInCamera(0.15 * mesh.vertices, mesh.faces, mesh.uv, mesh.texture, (72, 96), num_points=4000)
 # The second camera stands 45° to the side and looks at the same place, 0.6 m in front of the first.
 aside, middle, second = SO3().to_value(torch.tensor([0.0, 0.25, 0.0])), torch.tensor([0.0, 0.0, 0.6]), torch.eye(4)
 second[:3, :3], second[:3, 3] = aside, middle - aside @ middle
@@ -42,10 +42,10 @@ fit = FitPipeline(
     generator,
     {"outline": Silhouette(), "color": L2()},
     weights={"color": 5.0},
-    initializers=[Constant({"rotation": away.tolist(), "translation": [0.02, 0.0, 0.62]}, spread={"rotation": 0.15})],
+    initializers=[Constant({"rotation": away.tolist(), "translation": [0.02, 0.0, 0.62]}, spread={"rotation": 0.2})],
     optimizer=Adam({"rotation": 0.01, "translation": 0.004}, decay=0.96),
-    callbacks=[Pruning({8: 4, 16: 2})],
-    **{"num_candidates": 96, "num_starts": 8, "num_steps": 50},
+    callbacks=[Pruning({14: 6, 24: 2})],
+    **{"num_starts": 16, "num_steps": 45},
 )
 found = fit(Observation(cut_out, seen.mask, views=2, **cameras), seed=0).values
 degrees = torch.rad2deg(rotation_error(found["rotation"], rotation)).item()
