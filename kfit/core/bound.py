@@ -6,7 +6,8 @@ from collections.abc import Callable
 
 from torch import Tensor
 
-from kfit.core.contracts import Generator, check_bound
+from kfit.core.check import check_bound
+from kfit.core.contracts import Generator
 from kfit.core.variables import Variables
 
 
@@ -23,7 +24,7 @@ def bind_code(generator: Generator, fixed: Variables, with_code: Callable[[Tenso
     """
     if "code" not in fixed:
         return Generator.bind(generator, **fixed)
-    check_bound(generator, fixed)
+    check_bound(generator.variables, fixed)
     bound = with_code(fixed["code"])
     rest = {name: value for name, value in fixed.items() if name != "code"}
     return bound.bind(**rest) if rest else bound

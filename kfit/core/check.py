@@ -171,6 +171,17 @@ def check_names(name: str, given: Iterable[str], known: Collection[str], complet
         raise ValueError(f"{name}: {said}; the names are {', '.join(sorted(known))}")
 
 
+def check_bound(variables: Mapping[str, Any], fixed: Mapping[str, Tensor]) -> None:
+    """Refuse values to be held that are no variables of a generator, or of another shape than one value.
+
+    Raises:
+        TypeError, ValueError: naming the variable.
+    """
+    check_names("bind", fixed, variables)
+    for name, value in fixed.items():
+        check_shape(f"bind: {name}", value, variables[name].shape)
+
+
 def _check_kind(name: str, value: Any, kind: Any, words: str) -> None:
     if isinstance(value, bool) or not isinstance(value, kind):
         raise TypeError(f"{name} must be {words}, got {_said(value)}")

@@ -15,7 +15,7 @@ from typing import Any, Literal, Protocol, TypeAlias
 import torch
 from torch import Tensor, nn
 
-from kfit.core.check import check_names, check_shape
+from kfit.core.check import check_bound
 from kfit.core.part import Part
 from kfit.core.pictures import Reduction, at_least_single, check_prediction, check_target, precision_of, reduced
 from kfit.core.result import FitResult
@@ -63,7 +63,7 @@ class Bound(Generator):
 
     def __init__(self, generator: Generator, fixed: Variables) -> None:
         super().__init__()
-        check_bound(generator, fixed)
+        check_bound(generator.variables, fixed)
         self.generator, self.held = generator, tuple(fixed)
         self.variables = {k: v for k, v in generator.variables.items() if k not in fixed}
         for name, value in fixed.items():
@@ -78,17 +78,6 @@ class Bound(Generator):
         held = {k: v.expand(rows, *v.shape) for k, v in fixed.items()}
         rendering: Rendering = self.generator(**values, **held)
         return rendering
-
-
-def check_bound(generator: Generator, fixed: Variables) -> None:
-    """Refuse values to be held that are no variables of the generator, or of another shape than one value.
-
-    Raises:
-        TypeError, ValueError: naming the variable.
-    """
-    check_names("bind", fixed, generator.variables)
-    for name, value in fixed.items():
-        check_shape(f"bind: {name}", value, generator.variables[name].shape)
 
 
 class Encoder(nn.Module, ABC):
@@ -126,8 +115,8 @@ class Energy(Part, nn.Module, ABC):
 
         Args:
             target: (N, C, H, W), or a dict of such where ``on`` is a tuple.
-            weight: (N, 1, H, W) or None, 0 where a pixel does not count, whatever it holds, NaN too. In a fit it is
-                the product of the observation's weight and the rendering's, which may have a gradient.
+            weight: (N, 1, H, W) or None, 0 where a pixel does not count, be it NaN. In a fit it is the product of the
+                observation's weight and the rendering's.
         """
         return {"target": target} if weight is None else {"target": target, "weight": weight}
 

@@ -45,7 +45,7 @@ class FeatureNetwork(Part, nn.Module, ABC):
         """Features (N, C, h, w) by layer of pictures (N, 3, H, W), RGB in [0, 1]."""
 
     def normalized(self, image: Tensor) -> Tensor:
-        """``(image − mean) / std``, as the network was trained, in the network's precision.
+        """``(image − mean) / std``, as the network was trained, in the precision of its weights.
 
         Raises:
             ValueError: if ``image`` is not (N, 3, H, W), or too small for the layers.

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 from torch.utils import _pytree as pytree
 
 from kfit.core.check import check_dict, check_names, check_range
@@ -38,7 +38,7 @@ def check_parts(
         raise ValueError("energies must name at least one energy, got none")
     for name, term in energies.items():
         # `ModuleDict` keeps its modules as attributes beside its own.
-        if not isinstance(name, str) or not name or "." in name or hasattr(torch.nn.ModuleDict(), name):
+        if not isinstance(name, str) or not name or "." in name or hasattr(nn.ModuleDict(), name):
             raise ValueError(
                 f"energies: an energy cannot be named {name!r}; names are not empty, have no dot, and are none of "
                 "PyTorch's own, such as 'keys' and 'training'"

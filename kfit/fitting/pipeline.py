@@ -65,10 +65,9 @@ class FitPipeline(nn.Module):
         num_steps: steps of the optimizer; the last iterate is evaluated too.
         history: whether the result's history holds the starts' values at every step, at every so many steps, or at
             none; energies and terms, which are small, are always there.
-        min_overlap: where the generator's renderings have a weight, such as `kfit.generators.Template`'s, the least
-            share of the observation's weight that a row must cover to win. Below it the row's ranking energy is
-            infinite and a penalty leads it back; each energy is a mean over the pixels that both count. Lower it
-            where a template is smaller than a quarter of the picture.
+        min_overlap: where renderings have a weight, as `kfit.generators.Template`'s do, energies are means over what
+            both sides count, and this is the least share of the observation's weight that a row must cover to win:
+            below it its ranking energy is infinite, and a penalty leads it back.
 
     Raises:
         ValueError: for weights or rates of unknown names, variables that no or two initializers set, priors on unknown

@@ -200,4 +200,5 @@ class TestAPrior:
         leaves = [torch.full_like(leaf, far).requires_grad_() for leaf in leaves]
         found = told(prior, pytree.tree_unflatten(leaves, tree), prepared)
         assert found.isfinite().all()
-        assert all(slope.isfinite().all() for slope in torch.autograd.grad(found.sum(), leaves))
+        slopes = torch.autograd.grad(found.sum(), leaves, materialize_grads=True)  # an upright head reads no roll
+        assert all(slope.isfinite().all() for slope in slopes)

@@ -65,6 +65,7 @@ def arguments() -> dict[str, dict]:
     dims, side = {"code_dim": 2}, {"image_size": 8}
     return {
         "Activations": {"network": nn.Sequential(nn.ReLU()), "layers": ["0"]},
+        "BendingEnergy": {"on": "flow"},
         "Bounded": {"low": 0.0, "high": 1.0},
         "ConditionalVAE": {k: small[k] for k in ("generator", "encoder", "extents")} | {"losses": {"image": L1()}},
         "Constant": {"values": {"code": 0.0}},
@@ -113,6 +114,7 @@ def arguments() -> dict[str, dict]:
         "Step": {"weights": [1.0, 0.1], "at": [0.5]},
         "Template": {"picture": torch.zeros(3, 4, 4)},
         "TorchOptimizer": {"optimizer": torch.optim.Adam, "lr": 0.1},
+        "TotalVariation": {"on": "flow"},
         "Uniform": {"on": "code", "low": 0.0, "high": 1.0},
         "VAE2D": {**dims, "decoder_dims": (4, 4)},
         "VAE3D": {**dims, "volume_dims": (4, 4), "projection_dim": 4, "decoder_dims": (4,)},
