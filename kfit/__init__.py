@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     )
     from kfit.fitting.pipeline import FitPipeline
     from kfit.models.load import load
+    from kfit.registration import register
     from kfit.reports.html_page import report
 
 __version__ = version("kfit")
@@ -52,6 +53,7 @@ __all__ = [
     "Variable",
     "__version__",
     "load",
+    "register",
     "report",
 ]
 
@@ -59,6 +61,7 @@ __all__ = [
 _HOMES = {name: "kfit.core" for name in __all__ if name[0].isupper()} | {
     "FitPipeline": "kfit.fitting.pipeline",
     "load": "kfit.models",
+    "register": "kfit.registration",
     "report": "kfit.reports.html_page",
 }
 

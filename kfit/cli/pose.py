@@ -114,6 +114,13 @@ def parser() -> ArgumentParser:
         metavar="FILE.gif|FILE.mp4",
         help="write what the drawing became from step to step as well",
     )
+    output.add_argument(
+        "--mesh",
+        type=str,
+        default=None,
+        metavar="FILE.glb|FILE.obj|FILE.ply",
+        help="write the fitted object's surface as well, in metres about its centre",
+    )
     return parser
 
 
@@ -139,6 +146,10 @@ def run(args: Namespace) -> None:
         from kfit.reports.animation import check_suffix
 
         check_suffix(args.animation)
+    if args.mesh is not None:
+        from kfit.reports.mesh_file import check_mesh_suffix
+
+        check_mesh_suffix(args.mesh)
     from kfit.callbacks import Progress
     from kfit.runtime.devices import device_of, precision
 
@@ -173,7 +184,7 @@ def run(args: Namespace) -> None:
 
 
 def pages(result: PoseResult, args: Namespace) -> dict[str, Callable[[Path], object]]:
-    """What writes the page and the animation that were asked for, by absolute path."""
+    """What writes the page, the animation and the mesh that were asked for, by absolute path."""
     writers: dict[str, Callable[[Path], object]] = {}
     if args.report is not None:
         from kfit.reports.html_page import report
@@ -183,6 +194,10 @@ def pages(result: PoseResult, args: Namespace) -> dict[str, Callable[[Path], obj
         from kfit.reports.animation import animate
 
         writers[str(Path(args.animation).absolute())] = partial(animate, result)
+    if args.mesh is not None:
+        from kfit.reports.mesh_file import write_mesh
+
+        writers[str(Path(args.mesh).absolute())] = partial(write_mesh, result, suffix=Path(args.mesh).suffix)
     return writers
 
 
