@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from kfit.fitting.pipeline import FitPipeline
     from kfit.models.find_poses import find_poses
     from kfit.models.load import load
+    from kfit.registration import register
     from kfit.reports.html_page import report
 
 __version__ = version("kfit")
@@ -54,6 +55,7 @@ __all__ = [
     "__version__",
     "find_poses",
     "load",
+    "register",
     "report",
 ]
 
@@ -62,6 +64,7 @@ _HOMES = {name: "kfit.core" for name in __all__ if name[0].isupper()} | {
     "FitPipeline": "kfit.fitting.pipeline",
     "find_poses": "kfit.models",
     "load": "kfit.models",
+    "register": "kfit.registration",
     "report": "kfit.reports.html_page",
 }
 

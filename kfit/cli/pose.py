@@ -46,6 +46,10 @@ def run(args: Namespace) -> None:
         from kfit.reports.animation import check_suffix
 
         check_suffix(args.animation)
+    if args.mesh is not None:
+        from kfit.reports.mesh_file import check_mesh_suffix
+
+        check_mesh_suffix(args.mesh)
     own = None if args.model is None else load(args.model)
     category = own.card.category if own is not None else args.category and named_category(args.category)
     segmenter = None if args.segmenter is None else load_segmenter(args.segmenter)
@@ -88,13 +92,13 @@ def _check(args: Namespace, photos: Sequence[str]) -> None:
         raise ValueError("--fit and --depth were both given; a recipe fits colour alone")
     if args.report is not None and Path(args.report).suffix.lower() not in (".html", ".htm"):
         raise ValueError(f"--report must name an .html file, got {args.report!r}")
-    for option in ("mask", "box", "depth", "report", "animation"):
+    for option in ("mask", "box", "depth", "report", "animation", "mesh"):
         if args[option] is not None and len(photos) > 1:
             raise ValueError(f"--{option} is of one photo, but {len(photos)} were given")
 
 
 def _check_one(args: Namespace, targets: Sequence[FoundObject]) -> None:
-    for option in ("report", "animation"):
+    for option in ("report", "animation", "mesh"):
         if args[option] is not None and len(targets) > 1:
             raise ValueError(
                 f"--{option} shows one object, but {len(targets)} were found; --category, --box or --pick tells which"
@@ -174,7 +178,7 @@ def _report(args: Namespace, answers: dict[str, list[PoseResult]]) -> None:
 
 
 def pages(results: Sequence[PoseResult], args: Namespace) -> dict[str, Callable[[Path], object]]:
-    """What writes the page and the animation of one answer that were asked for, by absolute path."""
+    """What writes the page, the animation and the mesh of one answer that were asked for, by absolute path."""
     writers: dict[str, Callable[[Path], object]] = {}
     if args.report is not None:
         from kfit.reports.html_page import report
@@ -184,6 +188,10 @@ def pages(results: Sequence[PoseResult], args: Namespace) -> dict[str, Callable[
         from kfit.reports.animation import animate
 
         writers[str(Path(args.animation).absolute())] = partial(animate, results[0])
+    if args.mesh is not None:
+        from kfit.reports.mesh_file import write_mesh
+
+        writers[str(Path(args.mesh).absolute())] = partial(write_mesh, results[0], suffix=Path(args.mesh).suffix)
     return writers
 
 

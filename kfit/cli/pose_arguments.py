@@ -104,4 +104,11 @@ def parser() -> ArgumentParser:
         metavar="FILE.gif|FILE.mp4",
         help="write what the drawing became from step to step as well",
     )
+    output.add_argument(
+        "--mesh",
+        type=str,
+        default=None,
+        metavar="FILE.glb|FILE.obj|FILE.ply",
+        help="write the fitted object's surface as well, in metres about its centre",
+    )
     return parser
