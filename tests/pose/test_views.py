@@ -51,8 +51,6 @@ def test_the_reference_view_is_drawn_as_without_others_and_the_others_from_their
     )
     away = 0.2 * float(distance_by_focal(values["focal"][1], 1.0))
     centre = torch.tensor([0.0, 0.0, away]).double()  # where the second row's object is
-        [0.0, 0.0, 0.2 * float(distance_by_focal(values["focal"][1], 1.0))]
-    ).double()  # where the second row's object is
     quarter[:3, 3] = centre - quarter[:3, :3] @ centre
     context = {
         "intrinsics": camera.expand(2, 2, 3, 3),
