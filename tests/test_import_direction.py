@@ -18,7 +18,7 @@ FLOORS = [
     {"energies", "initializers", "optimizers", "selectors", "callbacks", "features", "generators"}
     | {"metrics", "data", "segmentation"},
     {"fitting"},
-    {"baselines"},
+    {"baselines", "registration"},
     {"training", "pose"},
     {"models", "tracking", "reports"},
     {"batch"},

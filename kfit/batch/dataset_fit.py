@@ -202,7 +202,9 @@ class DatasetFit(LightningModule):
         names = [
             name for name in ("image", "mask", "depth", "intrinsics") if getattr(seen[0].observation, name) is not None
         ]
-        fields = {name: torch.cat([one.observation.field(name) for one in seen]).to(self.device) for name in names}
+        fields: dict[str, Any] = {
+            name: torch.cat([one.observation.field(name) for one in seen]).to(self.device) for name in names
+        }
         with one_thread():  # so that results do not depend on how many processes share the cores
             try:
                 fit = self._pipeline(category, lens_known)(Observation(**fields, keys=keys), seed=self.seed)

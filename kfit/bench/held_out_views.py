@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -20,8 +20,9 @@ from kfit.fitting.pipeline import FitPipeline
 from kfit.geometry import Crop, observed, rotation_error, rotation_from_angles
 from kfit.pose.category_model import CategoryModel
 from kfit.pose.confidence import evidence
-from kfit.pose.hypotheses import fitted_rotations
+from kfit.pose.hypotheses import fitted_rotations, hypotheses_of
 from kfit.pose.observed_object import ObservedObject
+from kfit.pose.placement import placement
 from kfit.pose.result import PoseResult
 
 # A mug "shows its handle" when the handle covers this share of the mask; else NOCS lets it turn freely.
@@ -123,7 +124,7 @@ def views_of(
         photos.append(view.image)
         masks.append(view.mask)
         on_view(number + 1)
-    fields = {name: torch.cat([piece.field(name) for piece in pieces]) for name in FIELDS}
+    fields: dict[str, Any] = {name: torch.cat([piece.field(name) for piece in pieces]) for name in FIELDS}
     seen = Observation(**fields, keys=tuple(range(len(pieces))))
     rotation = torch.stack([camera.rotation for camera in cameras])
     intrinsics = torch.stack([torch.from_numpy(camera.intrinsics) for camera in cameras])
@@ -164,7 +165,7 @@ def rotation_errors(
     seen, symmetry = views.observation, model.card.known.symmetry
     for first in range(0, seen.num_problems, batch_size):
         rows = slice(first, first + batch_size)
-        fields = {name: seen.field(name)[rows] for name in FIELDS}
+        fields: dict[str, Any] = {name: seen.field(name)[rows] for name in FIELDS}
         piece = Observation(**fields, keys=seen.keys[rows])
         result = pipeline(piece, seed=0)
         angles = (result.values[name].double() for name in ("azimuth", "elevation", "roll"))
@@ -181,7 +182,7 @@ def translation_errors(model: CategoryModel, views: HeldOutViews, results: list[
     errors: list[Tensor] = []
     for fit in (result.of(number) for result in results for number in range(len(result.energy))):
         number = len(errors)
-        _, found, _ = model.placed(fit.values, views.crops[number], views.intrinsics[number])
+        _, found, _ = placement(fit.values, views.crops[number], views.intrinsics[number], model.card)
         errors.append((found[0] - views.translation[number]).norm())
     return torch.stack(errors)
 
@@ -189,7 +190,7 @@ def translation_errors(model: CategoryModel, views: HeldOutViews, results: list[
 def answer_to(model: CategoryModel, views: HeldOutViews, results: list[FitResult], number: int) -> PoseResult:
     """What `CategoryModel.pose` would have answered to one view that `rotation_errors` fitted without failing."""
     fit = [result.of(row) for result in results for row in range(len(result.energy))][number]
-    fields = {name: views.observation.field(name)[number : number + 1] for name in FIELDS}
+    fields: dict[str, Any] = {name: views.observation.field(name)[number : number + 1] for name in FIELDS}
     seen = Observation(**fields, keys=(number,))
     where = (views.photos[number], views.masks[number], views.crops[number], views.intrinsics[number])
     return model.answer(fit, ObservedObject(seen, *where, "given", ()))
@@ -216,8 +217,8 @@ def answers(model: CategoryModel, views: HeldOutViews, results: list[FitResult])
     for number, fit in enumerate(fits):
         if fit.start[0] < 0:
             continue
-        head = None if log_probabilities is None else log_probabilities[number : number + 1]
-        hypotheses = model.hypotheses(fit, upright, head)
+        head = None if log_probabilities is None else log_probabilities[number]
+        hypotheses = hypotheses_of(fit, upright, model.card, model.pose_head, head)
         error = rotation_error(fitted_rotations(fit.values)[0], views.rotation[number], model.card.known.symmetry)
         yield Answer(evidence(hypotheses.alternatives, hypotheses.seen), float(error.rad2deg()), float(fit.energy[0]))
 
@@ -225,14 +226,14 @@ def answers(model: CategoryModel, views: HeldOutViews, results: list[FitResult])
 def called_ambiguous(model: CategoryModel, views: HeldOutViews, results: list[FitResult]) -> Tensor:
     """Whether each view's answer is said to be ambiguous, (N,): what `rotation_errors` found, judged as `pose` does."""
     said: list[bool] = []
-    upright, pose_log_probabilities = (
-        torch.eye(3, dtype=torch.float64),
-        model.pose_log_probabilities(views.observation.image),
-    )
+    upright, log_probabilities = torch.eye(3).double(), model.pose_log_probabilities(views.observation.image)
     for fit in (result.of(number) for result in results for number in range(len(result.energy))):
-        seen = None if pose_log_probabilities is None else pose_log_probabilities[len(said) : len(said) + 1]
+        head = None if log_probabilities is None else log_probabilities[len(said)]
         # Where no start was left, nothing is sure.
-        said.append(not len(fit.all_energy) or model.hypotheses(fit, upright, seen)[1] is not None)
+        said.append(
+            not len(fit.all_energy)
+            or hypotheses_of(fit, upright, model.card, model.pose_head, head).ambiguity is not None
+        )
     return torch.tensor(said)
 
 

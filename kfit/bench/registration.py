@@ -5,12 +5,14 @@ from __future__ import annotations
 import statistics
 import time
 from collections.abc import Callable
+from functools import partial
+from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
 from jsonargparse import ArgumentParser, Namespace
 
-from kfit.bench.registration_pairs import PICTURES, Pair, corner_distance, inside, make_pair, noise_floor
-from kfit.runtime.console import progress, table_console
+from kfit.bench.registration_pairs import PICTURES, Pair, corner_distance, make_pair, noise_floor
+from kfit.runtime.console import log, progress, table_console
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -22,8 +24,9 @@ def parser() -> ArgumentParser:
         description="Register ten pictures of scikit-image with their twins: warped by a known homography (roll up to "
         "8°, shift up to 6 %, scale up to 8 %, each corner up to another 2 %), brightness · gain + bias, noise. Prints "
         "for each picture the mean distance in pixels between where the corners are taken and where they belong, and "
-        "the seconds: kfit (Levenberg–Marquardt, coarse to fine), Kornia's ImageRegistrator and OpenCV's "
-        "findTransformECC with their default settings (ECC with up to 500 iterations), and ECC without its blur. The "
+        "the seconds: kfit.register, Kornia's ImageRegistrator and OpenCV's findTransformECC with their default "
+        "settings (ECC with up to 500 iterations), ECC without its blur, and, where it is installed, SimpleITK (affine "
+        "maps by correlation, for it has no homographies). The "
         "floor is the distance (root mean square) that the noise alone leaves to the best unbiased method, the "
         "Cramér–Rao bound: what lies closer together than that may stand in either order by chance.",
         epilog="example:\n  kfit bench registration --pictures '[coffee,coins]' --draws 3",
@@ -34,6 +37,13 @@ def parser() -> ArgumentParser:
         default=list(PICTURES),
         metavar="[NAME,…]",
         help="names in skimage.data (default: all ten)",
+    )
+    parser.add_argument(
+        "--motion",
+        type=str,
+        default="homography",
+        choices=["homography", "affine"],
+        help="kind of the known maps, and what kfit and ECC look for",
     )
     parser.add_argument("--size", type=int, default=192, help="width of the pictures in pixels, a multiple of 8")
     parser.add_argument("--noise", type=float, default=0.02, help="standard deviation of the noise, of a range of 1")
@@ -56,11 +66,15 @@ def run(args: Namespace) -> None:
     if args.draws < 1:
         raise ValueError(f"--draws must be at least 1, got {args.draws}")
     methods: dict[str, Callable[[Pair], Tensor]] = {
-        "kfit": register,
+        "kfit": partial(register, motion=args.motion),
         "Kornia": by_kornia,
-        "ECC": by_ecc,
-        "ECC, no blur": lambda pair: by_ecc(pair, blur=1),
+        "ECC": partial(by_ecc, motion=args.motion),
+        "ECC, no blur": partial(by_ecc, blur=1, motion=args.motion),
     }
+    if find_spec("SimpleITK"):
+        methods["SimpleITK"] = by_simpleitk
+    else:
+        log.info("SimpleITK is not installed, so it is left out; pip install 'kfit[bench]' brings it")
     table = Table("picture", "before", "floor", *methods, title="mean corner distance in pixels (seconds)")
     found: dict[str, list[float]] = {name: [] for name in ("before", "floor", *methods)}
     seconds: dict[str, list[float]] = {name: [] for name in methods}
@@ -68,9 +82,9 @@ def run(args: Namespace) -> None:
         task = bar.add_task("registering", total=len(args.pictures) * args.draws * len(methods))
         for name in args.pictures:
             for seed in range(args.seed, args.seed + args.draws):
-                pair = make_pair(name, args.size, args.noise, seed)
+                pair = make_pair(name, args.size, args.noise, seed, args.motion)
                 found["before"].append(corner_distance(pair.truth.new_ones(3).diag(), pair))
-                found["floor"].append(noise_floor(pair, args.noise))
+                found["floor"].append(noise_floor(pair, args.noise, args.motion))
                 for method, estimate in methods.items():
                     begun = time.perf_counter()
                     found[method].append(corner_distance(estimate(pair), pair))
@@ -100,56 +114,17 @@ def compared(ours: list[float], theirs: list[float], floor: list[float], rival: 
     return f"{told}; by the median of {draws} draws on {sum(o <= t for o, t in medians)} of {len(medians)} pictures"
 
 
-def register(pair: Pair) -> Tensor:
-    """By a fit: a similarity from many starts at an eighth of the size, then homographies up to the whole."""
-    import torch
-    import torch.nn.functional as F
-    from kornia.filters import gaussian_blur2d
+def register(pair: Pair, motion: str = "homography") -> Tensor:
+    """By `kfit.register` with its default settings."""
+    import kfit
 
-    from kfit import FitPipeline
-    from kfit.callbacks import Pruning
-    from kfit.core import Initializer, Observation
-    from kfit.energies import L2
-    from kfit.generators import Template
-    from kfit.initializers import Constant, Previous, Uniform
-    from kfit.optimizers import LevenbergMarquardt
-
-    starts: list[Initializer] = [
-        Uniform("roll", -0.25, 0.25),
-        Uniform("shift", -0.2, 0.2),
-        Constant({"scale": 1.0, "gain": 1.0, "bias": 0.0}),
-    ]
-    corners = pair.template.new_zeros(1, 4, 2)
-    for level in (3, 2, 1, 0):
-        # Blurred, for what is finer than pixels came down into both pictures differently; at last only a little, for
-        # blur costs accuracy. It spoils the outermost pixels, which do not count; those beside them hold the corners.
-        blur = 0.8 if level else 0.5
-        small = [F.avg_pool2d(picture[None], 2**level) for picture in (pair.template, pair.observed)]
-        template, observed = (gaussian_blur2d(picture, (7, 7), (blur, blur)) for picture in small)
-        mask = F.pad(torch.ones_like(observed[0, :1, 1:-1, 1:-1]), [1] * 4)
-        motion = "similarity" if level == 3 else "homography"
-        generator = Template(template[0], motion, mask=mask, light=True, oversampling=4)  # type: ignore[arg-type]
-        # An overlap that may still change shrinks, for the less of it the less noise; so at last it stays as found.
-        weight = mask[None] if level else mask[None] * inside(generator, corners)
-        pipeline = FitPipeline(
-            generator,
-            {"l2": L2()},
-            starts,
-            LevenbergMarquardt(),
-            callbacks=[Pruning({0: 16, 4: 4})],
-            num_starts=32 if level == 3 else 1,
-            num_steps=12 if level == 3 else 8,
-        )
-        result = pipeline(Observation(observed, weight=weight), seed=0)
-        moving = {k: v for k, v in result.values.items() if k not in ("gain", "bias")}
-        matrix = generator.matrix(**moving)
-        corners = generator.corners(matrix)
-        starts = [Previous(result, on=["gain", "bias"]), Constant({"corners": corners[0].tolist()})]
-    return matrix[0].double()
+    found = kfit.register(pair.template, pair.observed, motion)  # type: ignore[arg-type]
+    assert found.matrix is not None  # neither motion bends
+    return found.matrix[0].double()
 
 
 def by_kornia(pair: Pair) -> Tensor:
-    """Kornia's ImageRegistrator with its default settings."""
+    """Kornia's ImageRegistrator with its default settings; it has no affine model, so it finds homographies."""
     import torch
     from kornia.geometry import ImageRegistrator
     from kornia.geometry.conversions import denormalize_homography
@@ -162,7 +137,7 @@ def by_kornia(pair: Pair) -> Tensor:
     return matrix
 
 
-def by_ecc(pair: Pair, blur: int = 5) -> Tensor:
+def by_ecc(pair: Pair, blur: int = 5, motion: str = "homography") -> Tensor:
     """OpenCV's findTransformECC on grey pictures; where it gives up, its answer is that nothing moved."""
     import cv2
     import numpy as np
@@ -170,9 +145,40 @@ def by_ecc(pair: Pair, blur: int = 5) -> Tensor:
 
     template, observed = (picture.mean(0).numpy() for picture in (pair.template, pair.observed))
     criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 500, 1e-7)
-    start = np.eye(3, dtype=np.float32)
+    affine = motion == "affine"
+    start = np.eye(3, dtype=np.float32)[: 2 if affine else 3]
+    model = cv2.MOTION_AFFINE if affine else cv2.MOTION_HOMOGRAPHY
     try:
-        _, found = cv2.findTransformECC(template, observed, start, cv2.MOTION_HOMOGRAPHY, criteria, None, blur)
+        _, found = cv2.findTransformECC(template, observed, start, model, criteria, None, blur)
     except cv2.error:
-        found = np.eye(3)
-    return torch.from_numpy(found).double()
+        found = start
+    return torch.from_numpy(np.concatenate([found, [[0, 0, 1]]]) if affine else found).double()
+
+
+def by_simpleitk(pair: Pair) -> Tensor:
+    """SimpleITK's registration method, coarse to fine, by correlation: affine, as it has no homographies.
+
+    Settings as in its examples: gradient descent with scales from physical shift, shrunk by 4, 2 and 1.
+    """
+    import numpy as np
+    import SimpleITK as sitk  # type: ignore[import-untyped]  # noqa: N813
+    import torch
+
+    moving, fixed = (sitk.GetImageFromArray(x.mean(0).numpy()) for x in (pair.template, pair.observed))
+    method = sitk.ImageRegistrationMethod()
+    method.SetMetricAsCorrelation()
+    method.SetInterpolator(sitk.sitkLinear)
+    method.SetOptimizerAsRegularStepGradientDescent(1.0, 1e-4, 300)
+    method.SetOptimizerScalesFromPhysicalShift()
+    method.SetShrinkFactorsPerLevel([4, 2, 1])
+    method.SetSmoothingSigmasPerLevel([2, 1, 0])
+    start = sitk.CenteredTransformInitializer(
+        fixed, moving, sitk.AffineTransform(2), sitk.CenteredTransformInitializerFilter.GEOMETRY
+    )
+    method.SetInitialTransform(start, inPlace=True)
+    method.Execute(fixed, moving)
+    ends = np.array([start.TransformPoint(point) for point in ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0))])
+    # It takes points of the fixed picture to the moving one.
+    inverse = np.eye(3)
+    inverse[:2] = np.stack([ends[1] - ends[0], ends[2] - ends[0], ends[0]], 1)
+    return torch.from_numpy(np.linalg.inv(inverse))

@@ -26,11 +26,12 @@ class Pair:
     gain: float
 
 
-def make_pair(name: str, size: int, noise: float, seed: int) -> Pair:
+def make_pair(name: str, size: int, noise: float, seed: int, motion: str = "homography") -> Pair:
     """A picture at ``size`` pixels and its twin, both area means of one drawn twice as large.
 
     The twin is warped there, by Lanczos, so that no method's own interpolation made it; what the warp brings in from
-    outside is the picture's own surroundings. Brightness stays within the range.
+    outside is the picture's own surroundings. Brightness stays within the range. An affine map moves three corners at
+    random, and the fourth as they say.
     """
     import cv2
     import numpy as np
@@ -50,7 +51,10 @@ def make_pair(name: str, size: int, noise: float, seed: int) -> Pair:
     scale, shift = np.exp(rng.uniform(-0.08, 0.08)), rng.uniform(-0.06, 0.06, 2) * size
     turn = scale * np.array([[np.cos(roll), -np.sin(roll)], [np.sin(roll), np.cos(roll)]])
     corners = np.array([[0, 0], [size - 1, 0], [size - 1, size - 1], [0, size - 1]], np.float32)
-    moved = (corners - middle) @ turn.T + middle + shift + rng.uniform(-0.02, 0.02, (4, 2)) * size
+    apart = rng.uniform(-0.02, 0.02, (4, 2)) * size
+    if motion == "affine":
+        apart[3] = apart[0] + apart[2] - apart[1]
+    moved = (corners - middle) @ turn.T + middle + shift + apart
     truth = cv2.getPerspectiveTransform(corners, moved.astype(np.float32))
     to_large = np.array([[2, 0, off + 0.5], [0, 2, off + 0.5], [0, 0, 1]])
     matrix = to_large @ truth @ np.linalg.inv(to_large)
@@ -65,11 +69,12 @@ def make_pair(name: str, size: int, noise: float, seed: int) -> Pair:
     return Pair(template, twin.float().clamp(0, 1), torch.from_numpy(truth), gain)
 
 
-def noise_floor(pair: Pair, noise: float) -> float:
+def noise_floor(pair: Pair, noise: float, motion: str = "homography") -> float:
     """What white noise leaves to an unbiased method that knows the picture between its pixels too.
 
-    The root mean square over the corners of their distance in pixels, from the Cramér–Rao bound σ² (JᵀJ)⁻¹, where J
-    holds the derivatives of the drawn picture, inside the overlap, by the corners, gain and bias at the truth.
+    The root mean square over the corners of their distance in pixels, from the Cramér–Rao bound B σ² (JᵀJ)⁻¹ Bᵀ, where
+    J holds the derivatives of the drawn picture, inside the overlap, by gain, bias and the map's parameters at the
+    truth, and B those of the corners by these parameters.
     """
     import torch
 
@@ -77,12 +82,20 @@ def noise_floor(pair: Pair, noise: float) -> float:
 
     generator = Template(pair.template.double(), light=True, oversampling=4)
     corners = generator.corners(pair.truth[None])
+    places = corners.new_tensor([[-1, 1], [1, 1], [1, -1], [-1, -1]])
+    basis = torch.eye(8).to(corners)
+    if motion == "affine":
+        coordinates, axes = [*places.T, torch.ones_like(places[:, 0])], torch.eye(2).to(corners)
+        basis = torch.stack([torch.outer(c, axis).flatten() for c in coordinates for axis in axes])
+    count = len(basis)
     place = torch.cat([corners.flatten(), corners.new_tensor([pair.gain, 0.0])])
+    ways = torch.block_diag(basis, torch.eye(2).to(corners))
     step = 1e-4
-    moved = torch.cat([place + step * torch.eye(10).to(place), place - step * torch.eye(10).to(place)])
+    moved = torch.cat([place + step * ways, place - step * ways])
     drawn = generator(corners=moved[:, :8].view(-1, 4, 2), gain=moved[:, 8], bias=moved[:, 9]).image
-    jacobian = ((drawn[:10] - drawn[10:]) / (2 * step) * inside(generator, corners)).flatten(1)
-    least = noise**2 * torch.linalg.inv(jacobian @ jacobian.T).diagonal()[:8].sum() / 4
+    jacobian = ((drawn[: count + 2] - drawn[count + 2 :]) / (2 * step) * inside(generator, corners)).flatten(1)
+    covariance = noise**2 * torch.linalg.inv(jacobian @ jacobian.T)[:count, :count]
+    least = (basis.T @ covariance @ basis).trace() / 4
     return float(least.sqrt()) * pair.template.shape[-1] / 2
 
 

@@ -8,6 +8,7 @@ from kfit.core.contracts import (
     Evaluate,
     Generator,
     Initializer,
+    Linearization,
     Optimizer,
     Prior,
     ResidualEnergy,
@@ -16,11 +17,13 @@ from kfit.core.contracts import (
     Selector,
 )
 from kfit.core.frozen import frozen
+from kfit.core.manifolds import SO3, Simplex, UnitVector
 from kfit.core.result import FitResult, History
 from kfit.core.state import Evaluation, FitState, Observation, Rendering
 from kfit.core.variables import Angle, Bounded, Positive, Real, Space, Variable, Variables
 
 __all__ = [
+    "SO3",
     "Angle",
     "Bounded",
     "Callback",
@@ -34,6 +37,7 @@ __all__ = [
     "Generator",
     "History",
     "Initializer",
+    "Linearization",
     "Observation",
     "Optimizer",
     "Positive",
@@ -44,7 +48,9 @@ __all__ = [
     "ResidualPrior",
     "Schedule",
     "Selector",
+    "Simplex",
     "Space",
+    "UnitVector",
     "Variable",
     "Variables",
     "frozen",

@@ -39,6 +39,14 @@ class Generator(Part, nn.Module, ABC):
     def forward(self, **values: Tensor) -> Rendering:
         """Draw N pictures; each value is (N, \\*shape), all rows independent of one another."""
 
+    def prepare(self, observation: Observation) -> Mapping[str, Tensor]:
+        """What the generator needs to know of the pictures besides its variables, such as their cameras.
+
+        Made once a fit; each tensor leads with the B problems and is given to `forward` by its name, a row for each
+        row drawn. A generator of several views draws the V pictures of a row one after another, (N · V, …).
+        """
+        return {}
+
     def bind(self, **fixed: Tensor) -> Generator:
         """The same generator with some variables held at one value (\\*shape) for all rows.
 
@@ -60,6 +68,9 @@ class Bound(Generator):
         self.variables = {k: v for k, v in generator.variables.items() if k not in fixed}
         for name, value in fixed.items():
             self.register_buffer(f"held_{name}", value.detach(), persistent=False)
+
+    def prepare(self, observation: Observation) -> Mapping[str, Tensor]:
+        return self.generator.prepare(observation)
 
     def forward(self, **values: Tensor) -> Rendering:
         rows = next(iter(values.values())).shape[0] if values else 1
@@ -201,7 +212,29 @@ class Evaluate(Protocol):
     Only ``need="gradient"`` builds a graph; residuals can be had where all descended terms are sums of squares.
     """
 
-    def __call__(self, raw: Variables, problem: Tensor, need: Need = "value") -> Evaluation: ...
+    def __call__(self, raw: Variables, problem: Tensor, need: Need = "value") -> Evaluation:
+        """Evaluate rows (N, \\*raw_shape); the gradient is by a step from ``raw``, as `retract` takes it."""
+        ...
+
+    def retract(self, raw: Variables, step: Variables) -> Variables:
+        """Raw variables after a step, each in its variable's space; ``raw + step`` where that is flat."""
+        ...
+
+    def linearize(self, raw: Variables, problem: Tensor) -> Linearization:
+        """Draw rows once and keep the graph, for products with their residuals' Jacobian."""
+        ...
+
+
+class Linearization(Protocol):
+    """Residuals r (N, M) near ``raw`` as a linear map of a step, J = ∂r/∂step, without ever holding J."""
+
+    def push(self, step: Tensor) -> Tensor:
+        """J · step, (N, M), for steps (N, P) of all variables laid end to end."""
+        ...
+
+    def pull(self, residuals: Tensor) -> Tensor:
+        """Jᵀ · residuals, (N, P), for (N, M)."""
+        ...
 
 
 class Optimizer(Part, ABC):

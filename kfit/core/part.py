@@ -77,6 +77,8 @@ def _written(value: Any) -> Any:
         return value
     if isinstance(value, float):
         return float(value)  # NumPy's too
+    if isinstance(value, type) and "<locals>" not in value.__qualname__:
+        return f"{value.__module__}.{value.__qualname__}"
     if isinstance(value, PurePath):
         return str(value)
     if isinstance(value, Mapping):

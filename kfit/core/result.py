@@ -18,12 +18,14 @@ class History:
     Attributes:
         energy: (T, B, S).
         terms: (T, B, S) each, unweighted; NaN also at steps at which a term had no weight and was not computed.
-        values: (T, B, S, \\*shape) each.
+        values: (T′, B, S, \\*shape) each, at the steps 0, k, 2k, … where k is ``value_stride``.
+        value_stride: k; 0 where no values were recorded.
     """
 
     energy: Tensor
     terms: dict[str, Tensor]
     values: Variables
+    value_stride: int = 1
 
 
 @dataclass

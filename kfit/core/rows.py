@@ -35,3 +35,10 @@ def finite(variables: Variables) -> Tensor:
             for tensor in variables.values()
         ]
     ).all(0)
+
+
+def pictures_of(rows: Tensor, views: int) -> Tensor:
+    """Numbers (N · views,) of the pictures that belong to rows or problems (N,) of so many pictures each."""
+    if views == 1:
+        return rows
+    return (rows[:, None] * views + torch.arange(views, device=rows.device)).flatten()

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 from torch.utils import _pytree as pytree
 
-from kfit.core.check import check_float, check_shape
+from kfit.core.check import check_count, check_float, check_shape
 from kfit.core.variables import Variables
 
 
@@ -41,7 +41,10 @@ class _Fields:
 
 @dataclass(frozen=True)
 class Observation(_Fields):
-    """B pictures to be explained, or volumes, which have an axis D before H in all fields.
+    """B pictures to be explained, of as many problems or, with V views, of B / V.
+
+    The V pictures of a problem stand one after another, and a fit explains them all by one set of values. Volumes have
+    an axis D before H in all fields.
 
     Attributes:
         image: (B, C, H, W), RGB in [0, 1] on white background.
@@ -49,8 +52,11 @@ class Observation(_Fields):
         depth: (B, 1, H, W) in metres, NaN where it is unknown.
         weight: (B, 1, H, W), 0 where a pixel does not count (occluded or unknown).
         intrinsics: (B, 3, 3) of the picture given.
+        trans_cam_ref: (B, 4, 4), takes points in the camera of the problem's first picture to this picture's camera,
+            metres and OpenCV's axes.
         keys: one number a problem; with the seed it decides the problem's random numbers. The same key gives the
             same numbers alone and in any batch; all keys are 0 unless given.
+        views: V, the number of pictures of each problem.
 
     Raises:
         TypeError, ValueError: naming the field whose type or shape is wrong.
@@ -62,6 +68,8 @@ class Observation(_Fields):
     weight: Tensor | None = None
     intrinsics: Tensor | None = None
     keys: tuple[int, ...] = ()
+    trans_cam_ref: Tensor | None = None
+    views: int = 1
 
     def __post_init__(self) -> None:
         volume = isinstance(self.image, Tensor) and self.image.dim() == 5
@@ -75,12 +83,27 @@ class Observation(_Fields):
                     check_float(name, getattr(self, name))
         if self.intrinsics is not None:
             check_shape("intrinsics", self.intrinsics, (rows, 3, 3))
-        if self.keys and len(self.keys) != rows:
-            raise ValueError(f"keys must hold one number for each of the {rows} pictures, got {len(self.keys)}")
+        if self.trans_cam_ref is not None:
+            check_shape("trans_cam_ref", self.trans_cam_ref, (rows, 4, 4))
+        check_count("views", self.views)
+        if rows % self.views:
+            raise ValueError(f"image must hold {self.views} views of each problem, got {rows} pictures")
+        if self.keys and len(self.keys) != self.num_problems:
+            raise ValueError(
+                f"keys must hold one number for each of the {self.num_problems} problems, got {len(self.keys)}"
+            )
 
     @property
     def num_problems(self) -> int:
-        return self.image.shape[0]
+        return self.image.shape[0] // self.views
+
+    def first_views(self) -> Observation:
+        """The first picture of each problem alone."""
+        if self.views == 1:
+            return self
+        held = {f.name: getattr(self, f.name) for f in fields(self)}
+        first = {name: value[:: self.views] for name, value in held.items() if isinstance(value, Tensor)}
+        return replace(self, **first, views=1)  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import torch
 from torch import Tensor
@@ -19,15 +20,38 @@ Variables = dict[str, Tensor]
 
 
 class Space(ABC):
-    """A one-to-one map between the line that an optimizer walks on and the values that a generator takes."""
+    """Where a variable's values live, and how an optimizer walks there.
+
+    The optimizer holds *raw* numbers and adds steps to them by `retract`; the generator sees *values*. In flat spaces
+    a step is added number by number; curved ones (`kfit.core.SO3`, `kfit.core.UnitVector`) take it in the tangent
+    space at the raw numbers, so that no direction is preferred and no place is singular.
+
+    Attributes:
+        radians: what a step of 1 stands for in the values' unit, where it is the same everywhere: π where raw numbers
+            are half-turns, else 1.
+    """
+
+    radians: ClassVar[float] = 1.0
 
     @abstractmethod
     def to_value(self, raw: Tensor) -> Tensor:
-        """Map raw numbers of any shape to values of the same shape."""
+        """Map raw numbers (…, \\*raw_shape) to values (…, \\*shape)."""
 
     @abstractmethod
     def to_raw(self, value: Tensor) -> Tensor:
         """Map values to raw numbers, the inverse of `to_value`."""
+
+    def retract(self, raw: Tensor, step: Tensor) -> Tensor:
+        """Raw numbers after a step (…, \\*raw_shape) from ``raw``; here raw + step."""
+        return raw + step
+
+    def raw_shape(self, shape: tuple[int, ...]) -> tuple[int, ...]:
+        """Shape of the raw numbers and steps of one value of ``shape``; here the same.
+
+        Raises:
+            ValueError: for a shape that no value of this space has.
+        """
+        return shape
 
 
 @dataclass(frozen=True)
@@ -43,7 +67,7 @@ class Real(Space):
 
 @dataclass(frozen=True)
 class Positive(Space):
-    """Numbers above zero: value = exp(raw), so that a step multiplies."""
+    """Numbers above zero on a logarithmic scale: value = exp(raw), so that a step multiplies."""
 
     def to_value(self, raw: Tensor) -> Tensor:
         return raw.exp()
@@ -85,6 +109,8 @@ class Bounded(Space):
 class Angle(Space):
     """Angles: walked in half-turns, seen in radians, value = π · raw. Neither side is wrapped, so paths stay smooth."""
 
+    radians: ClassVar[float] = math.pi
+
     def to_value(self, raw: Tensor) -> Tensor:
         return raw * math.pi
 
@@ -101,7 +127,8 @@ class Variable:
         space: where its values live.
 
     Raises:
-        TypeError, ValueError: if ``shape`` holds something but whole numbers of at least 1, or ``space`` is none.
+        TypeError, ValueError: if ``shape`` holds something but whole numbers of at least 1, ``space`` is none, or it
+            has no values of that shape.
     """
 
     shape: tuple[int, ...] = ()
@@ -113,3 +140,9 @@ class Variable:
         )
         if not isinstance(self.space, Space):
             raise TypeError(f"Variable: space must be a kfit.core.Space, got {type(self.space).__name__}")
+        self.space.raw_shape(self.shape)
+
+    @property
+    def raw_shape(self) -> tuple[int, ...]:
+        """Shape of the raw numbers of one value."""
+        return self.space.raw_shape(self.shape)

@@ -1,6 +1,8 @@
-"""Fits: the pipeline, what it evaluates, how it starts, weights over its steps, and what it records."""
+"""Fits: the pipeline, what it evaluates, how it starts, weights over its steps, what it records, and its gradients."""
 
+from kfit.fitting.covariance import answer_covariance
+from kfit.fitting.implicit import differentiable_answer
 from kfit.fitting.pipeline import FitPipeline
 from kfit.fitting.schedules import Cosine, Linear, Step
 
-__all__ = ["Cosine", "FitPipeline", "Linear", "Step"]
+__all__ = ["Cosine", "FitPipeline", "Linear", "Step", "answer_covariance", "differentiable_answer"]

@@ -133,7 +133,11 @@ def check_sizes(name: str, term: Energy, rendering: Rendering, observation: Obse
 
 
 def check_reached(
-    generator: Generator, terms: Mapping[str, Energy | Prior], raw: Variables, missing: Sequence[str]
+    generator: Generator,
+    terms: Mapping[str, Energy | Prior],
+    raw: Variables,
+    context: Mapping[str, Tensor],
+    missing: Sequence[str],
 ) -> None:
     """Refuse a generator through which no gradient reaches a variable, whatever is compared.
 
@@ -141,6 +145,7 @@ def check_reached(
         generator: draws.
         terms: of the fit; what a prior is on may be left out of the drawing.
         raw: (N, \\*shape) each, N at least 1; one row is drawn.
+        context: what the generator prepared for the rows.
         missing: variables on which the energies do not depend.
 
     Raises:
@@ -151,7 +156,8 @@ def check_reached(
     if not missing:
         return
     one = {name: tensor[:1].detach().requires_grad_() for name, tensor in raw.items()}
-    drawn = generator(**{name: generator.variables[name].space.to_value(tensor) for name, tensor in one.items()})
+    values = {name: generator.variables[name].space.to_value(tensor) for name, tensor in one.items()}
+    drawn = generator(**values, **{name: tensor[:1] for name, tensor in context.items()})
     parts = [part.sum() for part in vars(drawn).values() if isinstance(part, Tensor) and part.requires_grad]
     slopes = torch.autograd.grad(parts, [one[name] for name in missing], allow_unused=True) if parts else ()
     if lost := [name for number, name in enumerate(missing) if not parts or slopes[number] is None]:

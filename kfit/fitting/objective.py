@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from typing import Any
 
@@ -23,7 +23,10 @@ from kfit.core import (
 )
 from kfit.core.contracts import Need
 from kfit.core.pictures import at_least_single
+from kfit.core.rows import pictures_of
 from kfit.fitting.check_parts import check_reached, check_rendering, check_sizes, check_term
+from kfit.fitting.drawn_rows import DrawnRows, RowInputs, joined_evaluation
+from kfit.fitting.jacobian import JacobianProducts
 from kfit.fitting.overlap import joint_weight, overlap_of, shortfall, too_little
 
 # Pixels that are drawn at once. On a CPU what a chunk of 16 pictures of 64 × 64 needs stays in the cache and is memory
@@ -70,7 +73,7 @@ class Objective:
         self.spaces = {name: variable.space for name, variable in generator.variables.items()}
         self.weights: dict[str, float] = {}
         self.num_evaluations = 0
-        self.device = observation.image.device.type
+        self.device, self.views = observation.image.device.type, observation.views
         self.prepared: dict[str, Any] = {}
         for name, term in self.terms.items():
             if isinstance(term, Energy):
@@ -79,13 +82,14 @@ class Objective:
                 self.prepared[name] = (
                     term.prepare(observation.select(term.on), observation.weight)
                     if isinstance(term, Energy)
-                    else term.prepare(observation)
+                    else term.prepare(observation.first_views())
                 )
+        self.context = dict(generator.prepare(observation))
         self._reached = False
-        self._rows: tuple[Tensor, list[Any]] | None = None
+        self._rows: tuple[Tensor, list[RowInputs]] | None = None
         size = observation.image[0, 0].numel()
-        pixels = CHUNK_PIXELS.get(observation.image.device.type, CHUNK_PIXELS_ELSEWHERE)
-        self.chunk = max(1, pixels // size)
+        pixels = CHUNK_PIXELS.get(self.device, CHUNK_PIXELS_ELSEWHERE)
+        self.chunk = max(1, pixels // (size * self.views))
 
     def __call__(self, raw: Variables, problem: Tensor, need: Need = "value") -> Evaluation:
         """Draw and compare.
@@ -93,71 +97,100 @@ class Objective:
         Raises:
             ValueError: if residuals are asked for and a term that is descended is no sum of squares.
         """
-        self.num_evaluations += len(problem)
-        prepared = self._gather(problem)
-        chunks = [
-            self._evaluate({name: tensor[rows] for name, tensor in raw.items()}, problem[rows], prepared[number], need)
-            for number, rows in enumerate(self._chunks(len(problem)))
-        ]
-        joined: Evaluation = _joined(chunks)
-        return joined
+        return joined_evaluation([self._evaluate(part, rows, need) for part, rows in self._chunks(raw, problem)])
 
-    def _evaluate(self, raw: Variables, problem: Tensor, prepared: Any, need: Need) -> Evaluation:
-        wants, rows = need == "gradient", len(problem)
-        terms: dict[str, Tensor] = {}
-        residuals: list[Tensor] = []
+    def retract(self, raw: Variables, step: Variables) -> Variables:
+        """Raw variables after a step, each in its own space."""
+        return {name: self.spaces[name].retract(tensor.detach(), step[name]) for name, tensor in raw.items()}
+
+    def linearize(self, raw: Variables, problem: Tensor) -> JacobianProducts:
+        """Draw rows once and keep their graphs, for products with the Jacobian of their residuals.
+
+        Raises:
+            ValueError: if a term that is descended is no sum of squares.
+        """
+        parts = []
+        for part, rows in self._chunks(raw, problem):
+            with torch.enable_grad():
+                steps = {name: torch.zeros_like(tensor, requires_grad=True) for name, tensor in part.items()}
+                drawn = self._draw(self.retract(part, steps), rows, "residuals")
+                parts.append((list(steps.values()), torch.cat(drawn.residuals, 1)))
+        return JacobianProducts(parts)
+
+    def energy_of(self, raw: Variables, problem: Tensor) -> Tensor:
+        """Descended energies (N,) of rows drawn at once, with the graph of ``raw`` and of the observation."""
+        return self._descended(self._draw(raw, self._gather(problem), "value"))
+
+    def _descended(self, drawn: DrawnRows) -> Tensor:
+        energy = torch.stack([self.weights[name] * term for name, term in drawn.terms.items()]).sum(0)
+        return energy if drawn.missing is None else energy + drawn.missing.square()
+
+    def _evaluate(self, raw: Variables, rows: RowInputs, need: Need) -> Evaluation:
+        wants = need == "gradient"
         with torch.set_grad_enabled(wants):
-            leaves = {name: tensor.detach().requires_grad_(wants) for name, tensor in raw.items()}
-            values = {name: self.spaces[name].to_value(leaf) for name, leaf in leaves.items()}
-            drawn = self.generator(**values)
-            check_rendering(self.generator, drawn)
-            rendering: Rendering = drawn.map(at_least_single)
-            observed = self._rows_of(self.observation.weight, problem)
-            joint = None if rendering.weight is None else joint_weight(rendering.weight, observed)
-            for name, term in self.terms.items():
-                weight = self.weights[name]
-                if not weight and not self.rank_weights.get(name):
-                    continue
-                selected = self._values(term, values) if isinstance(term, Prior) else rendering.select(term.on)
-                target = prepared[name]
+            steps = {name: torch.zeros_like(tensor, requires_grad=wants) for name, tensor in raw.items()}
+            drawn = self._draw(self.retract(raw, steps) if wants else raw, rows, need)
+            energy = self._descended(drawn)
+            gradient = self._gradient(energy, steps, raw, rows) if wants else None
+        ranked = [self.rank_weights.get(name, 0.0) * term.detach() for name, term in drawn.terms.items()]
+        ranking = torch.stack(ranked).sum(0)
+        if drawn.overlap is not None:
+            ranking = ranking.masked_fill(too_little(drawn.overlap, self.min_overlap), torch.inf)
+        return Evaluation(
+            energy=energy.detach(),
+            ranking=ranking,
+            terms={name: term.detach() for name, term in drawn.terms.items()},
+            values={name: value.detach() for name, value in drawn.values.items()},
+            gradient=gradient,
+            residuals=torch.cat(drawn.residuals, 1) if need == "residuals" else None,
+            rendering=drawn.rendering.map(Tensor.detach),
+        )
+
+    def _draw(self, raw: Variables, rows: RowInputs, need: Need) -> DrawnRows:
+        """Draw rows and compare them, with a graph where gradients are enabled."""
+        values = {name: self.spaces[name].to_value(tensor) for name, tensor in raw.items()}
+        drawn = self.generator(**values, **rows.context)
+        check_rendering(self.generator, drawn)
+        rendering: Rendering = drawn.map(at_least_single)
+        count, observed = len(rows.problem), self._rows_of(self.observation.weight, rows.picture)
+        joint = None if rendering.weight is None else joint_weight(rendering.weight, observed)
+        terms: dict[str, Tensor] = {}
+        # None of them, where no term is descended.
+        residuals = [rendering.image.new_zeros(count, 0)]
+        for name, term in self.terms.items():
+            weight = self.weights[name]
+            if not weight and not self.rank_weights.get(name):
+                continue
+            target = rows.targets[name]
+            # What only ranks has no slope.
+            with torch.set_grad_enabled(torch.is_grad_enabled() and bool(weight)), self._precision(term):
                 if isinstance(term, Energy):
                     check_sizes(name, term, rendering, self.observation)
                 if joint is not None and isinstance(term, Energy):
-                    with torch.set_grad_enabled(wants and bool(weight)), self._precision(term):
-                        target = term.prepare(self._rows_of(self.observation.select(term.on), problem), joint)
+                    target = term.prepare(self._rows_of(self.observation.select(term.on), rows.picture), joint)
+                selected = self._values(term, values) if isinstance(term, Prior) else rendering.select(term.on)
                 given = (selected,) if target is None else (selected, target)
+                pictures = count if isinstance(term, Prior) else count * self.views
                 if need == "residuals" and weight:
-                    with self._precision(term):
-                        parts = self._residuals(name, given)
-                    check_term(name, term, parts, rows, residuals=True)
+                    parts = self._residuals(name, given)
+                    check_term(name, term, parts, pictures, residuals=True)
+                    if isinstance(term, Energy):  # a mean over the views
+                        parts = parts.reshape(count, self.views * parts.shape[1]) / self.views**0.5
                     residuals.append(weight**0.5 * parts)
                     terms[name] = parts.square().sum(1)
-                    continue
-                # What only ranks has no slope.
-                with torch.set_grad_enabled(wants and bool(weight)), self._precision(term):
-                    terms[name] = term(*given) if isinstance(term, Prior) else term.compare(*given)
-                check_term(name, term, terms[name], rows)
-            energy = torch.stack([self.weights[name] * term for name, term in terms.items()]).sum(0)
-            ranking = torch.stack([self.rank_weights.get(name, 0.0) * term for name, term in terms.items()]).sum(0)
-            if joint is not None:
-                overlap = overlap_of(joint, observed)
-                compared = [abs(self.weights[name]) for name, term in self.terms.items() if isinstance(term, Energy)]
-                missing = sum(compared) ** 0.5 * shortfall(overlap, self.min_overlap)
-                residuals += [missing[:, None]] if need == "residuals" else []
-                energy = energy + missing.square()
-                ranking = ranking.masked_fill(too_little(overlap, self.min_overlap), torch.inf)
-            gradient = self._gradient(energy, leaves) if wants else None
-        if need == "residuals":
-            residuals = residuals or [energy.new_zeros(rows, 0)]
-        return Evaluation(
-            energy=energy.detach(),
-            ranking=ranking.detach(),
-            terms={name: term.detach() for name, term in terms.items()},
-            values={name: value.detach() for name, value in values.items()},
-            gradient=gradient,
-            residuals=torch.cat(residuals, 1) if residuals else None,
-            rendering=rendering.map(Tensor.detach),
-        )
+                else:
+                    found = term(*given) if isinstance(term, Prior) else term.compare(*given)
+                    check_term(name, term, found, pictures)
+                    terms[name] = found if isinstance(term, Prior) else found.view(count, self.views).mean(1)
+        overlap = missing = None
+        if joint is not None:
+            # One number a row for all of its views.
+            seen = None if observed is None else observed.unflatten(0, (-1, self.views))
+            overlap = overlap_of(joint.unflatten(0, (-1, self.views)), seen)
+            compared = [abs(self.weights[name]) for name, term in self.terms.items() if isinstance(term, Energy)]
+            missing = sum(compared) ** 0.5 * shortfall(overlap, self.min_overlap)
+            residuals.append(missing[:, None])
+        return DrawnRows(values, rendering, terms, residuals, overlap, missing)
 
     def _precision(self, term: Energy | Prior) -> AbstractContextManager[Any]:
         """The precision around, for a term that can compare in it; else single."""
@@ -178,43 +211,40 @@ class Objective:
             )
         return term.residuals(*given)
 
-    def _gradient(self, energy: Tensor, leaves: Variables) -> Variables:
-        slopes: tuple[Tensor | None, ...] = (None,) * len(leaves)
+    def _gradient(self, energy: Tensor, steps: Variables, raw: Variables, rows: RowInputs) -> Variables:
+        slopes: tuple[Tensor | None, ...] = (None,) * len(steps)
         if energy.requires_grad:
-            slopes = torch.autograd.grad(energy.sum(), list(leaves.values()), allow_unused=True)
+            slopes = torch.autograd.grad(energy.sum(), list(steps.values()), allow_unused=True)
         if not self._reached and len(energy):
-            missing = [name for name, slope in zip(leaves, slopes, strict=True) if slope is None]
-            check_reached(self.generator, self.terms, leaves, missing)
+            missing = [name for name, slope in zip(steps, slopes, strict=True) if slope is None]
+            check_reached(self.generator, self.terms, raw, rows.context, missing)
             self._reached = True
         return {
-            name: torch.zeros_like(leaf) if slope is None else slope
-            for (name, leaf), slope in zip(leaves.items(), slopes, strict=True)
+            name: torch.zeros_like(step) if slope is None else slope
+            for (name, step), slope in zip(steps.items(), slopes, strict=True)
         }
 
-    def _chunks(self, rows: int) -> list[slice]:
-        """Even parts of at most `chunk` rows; one part of none, where there are no rows."""
-        count = max(1, -(-rows // self.chunk))
-        return [slice(rows * part // count, rows * (part + 1) // count) for part in range(count)]
+    def _chunks(self, raw: Variables, problem: Tensor) -> Iterator[tuple[Variables, RowInputs]]:
+        """Even parts of at most `chunk` rows; one part of none, where there are no rows.
 
-    def _gather(self, problem: Tensor) -> list[Any]:
-        """The targets' features for the rows of each chunk, gathered anew only when the rows have changed."""
+        What belongs to their problems is gathered anew only when the rows have changed.
+        """
+        rows, count = len(problem), max(1, -(-len(problem) // self.chunk))
+        self.num_evaluations += rows * self.views
+        parts = [slice(rows * part // count, rows * (part + 1) // count) for part in range(count)]
         if self._rows is None or not torch.equal(self._rows[0], problem):
-            self._rows = (problem, [self._targets(problem[rows]) for rows in self._chunks(len(problem))])
-        return self._rows[1]
+            self._rows = (problem, [self._gather(problem[part]) for part in parts])
+        for part, gathered in zip(parts, self._rows[1], strict=True):
+            yield {name: tensor[part] for name, tensor in raw.items()}, gathered
 
-    def _targets(self, problem: Tensor) -> Any:
-        return self._rows_of(self.prepared, problem)
+    def _gather(self, problem: Tensor) -> RowInputs:
+        picture = pictures_of(problem, self.views)
+        targets = {
+            name: self._rows_of(prepared, picture if isinstance(self.terms[name], Energy) else problem)
+            for name, prepared in self.prepared.items()
+        }
+        return RowInputs(problem, picture, targets, self._rows_of(self.context, problem))
 
     @staticmethod
     def _rows_of(targets: Any, problem: Tensor) -> Any:
         return pytree.tree_map_only(Tensor, lambda tensor: tensor.index_select(0, problem), targets)
-
-
-def _joined(chunks: list[Any]) -> Any:
-    """One evaluation of all rows: what the chunks hold, tensor by tensor."""
-    first = chunks[0]
-    if isinstance(first, Tensor):
-        return torch.cat(chunks)
-    if isinstance(first, dict):
-        return {name: _joined([chunk[name] for chunk in chunks]) for name in first}
-    return None if first is None else type(first)(**_joined([vars(chunk) for chunk in chunks]))

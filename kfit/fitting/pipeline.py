@@ -28,14 +28,14 @@ from kfit.core import (
     frozen,
 )
 from kfit.core.check import check_count, check_range
-from kfit.core.rows import best_first, broadcast_rows, finite
+from kfit.core.rows import broadcast_rows, finite
 from kfit.core.seeds import mixed_seed
 from kfit.features import FeatureNetwork
 from kfit.fitting.check_parts import check_memory, check_observation, check_parts, check_state, check_weights
 from kfit.fitting.objective import Objective
 from kfit.fitting.recipe import recipe_text
 from kfit.fitting.recorder import Recorder
-from kfit.fitting.starts import initialize
+from kfit.fitting.starts import initialize, likeliest
 from kfit.runtime.devices import compile_networks, safe_after_fork
 from kfit.selectors import LowestEnergy
 
@@ -63,6 +63,8 @@ class FitPipeline(nn.Module):
         num_candidates: C ≥ S, starts a problem that initializers propose; each is drawn once, without a gradient, and
             the S of the least ranking energy are started. All are unless given.
         num_steps: steps of the optimizer; the last iterate is evaluated too.
+        history: whether the result's history holds the starts' values at every step, at every so many steps, or at
+            none; energies and terms, which are small, are always there.
         min_overlap: where renderings have a weight, as `kfit.generators.Template`'s do, energies are means over what
             both sides count, and this is the least share of the observation's weight that a row must cover to win:
             below it its ranking energy is infinite, and a penalty leads it back.
@@ -85,6 +87,7 @@ class FitPipeline(nn.Module):
         num_starts: int = 32,
         num_steps: int = 50,
         num_candidates: int | None = None,
+        history: bool | int = True,
         min_overlap: float = 0.25,
     ) -> None:
         super().__init__()
@@ -94,6 +97,8 @@ class FitPipeline(nn.Module):
             check_count("num_candidates", num_candidates)
             if num_candidates < num_starts:
                 raise ValueError(f"num_candidates must be at least num_starts, {num_starts}, got {num_candidates}")
+        if not isinstance(history, bool):
+            check_count("history", history)
         check_range("min_overlap", min_overlap, 0, 1)
         check_parts(generator, energies, initializers, optimizer, selector, callbacks)
         check_weights(energies, weights, rank_weights)
@@ -106,14 +111,15 @@ class FitPipeline(nn.Module):
         self.selector = selector or LowestEnergy()
         self.callbacks = list(callbacks)
         self.num_starts, self.num_steps, self.min_overlap = num_starts, num_steps, min_overlap
+        self.history = history
         self.num_candidates = num_starts if num_candidates is None else num_candidates
-        if not any((rank_weights or self._weights_at(num_steps)).values()):
+        if not any((rank_weights or self.weights_at(num_steps)).values()):
             raise ValueError("rank_weights must hold a number other than 0, or no start is better than another")
         # Initializers are no modules: what networks they hold are registered, so that `to` moves these too.
         held = [value for initializer in self.initializers for value in vars(initializer).values()]
         self.networks = nn.ModuleList(value for value in held if isinstance(value, nn.Module))
         self.eval()
-        zeros = {name: torch.zeros(2, *v.shape) for name, v in generator.variables.items()}
+        zeros = {name: torch.zeros(2, *v.raw_shape) for name, v in generator.variables.items()}
         check_memory(optimizer, optimizer.init(zeros, torch.zeros(2, dtype=torch.long)), 2)
 
     def train(self, mode: bool = True) -> FitPipeline:
@@ -148,7 +154,8 @@ class FitPipeline(nn.Module):
         """Where its networks compute."""
         return next(chain(self.parameters(), self.buffers(), [torch.empty(0)])).device
 
-    def _weights_at(self, step: int) -> dict[str, float]:
+    def weights_at(self, step: int) -> dict[str, float]:
+        """Weights of the terms at a step, 0 to ``num_steps``."""
         return {k: w(step, self.num_steps) if isinstance(w, Schedule) else w for k, w in self.weights.items()}
 
     @safe_after_fork()
@@ -179,19 +186,22 @@ class FitPipeline(nn.Module):
         problem = torch.arange(count, device=device).repeat_interleave(self.num_starts)
         start = torch.arange(self.num_starts, device=device).repeat(count)
         terms: dict[str, Energy | Prior] = dict(self.energies.items())  # type: ignore[arg-type]
-        rank_weights = self.rank_weights or self._weights_at(self.num_steps)
+        rank_weights = self.rank_weights or self.weights_at(self.num_steps)
         objective = Objective(self.generator, terms, rank_weights, observation, self.min_overlap)
         with torch.autocast(device.type, enabled=False):  # it would round the starts
-            proposed = initialize(self.initializers, self.generator.variables, observation, self.num_candidates, seed)
-        raw = self._likeliest(objective, proposed)
+            proposed = initialize(
+                self.initializers, self.generator.variables, observation.first_views(), self.num_candidates, seed
+            )
+        objective.weights = self.weights_at(0)
+        raw = likeliest(objective, proposed, self.num_candidates, self.num_starts)
         nothing = raw[next(iter(raw))].new_full((len(problem),), torch.inf)
         memory = self.optimizer.init(raw, self._seeds(observation, seed))
         state = FitState(0, self.num_steps, problem, start, raw, {}, nothing, {}, nothing, {}, memory)
         for callback in self.callbacks:
             callback.on_start(state)
-        recorder = Recorder(count, self.num_starts)
+        recorder = Recorder(count, self.num_starts, int(self.history))
         for step in range(self.num_steps + 1):
-            objective.weights = self._weights_at(step)
+            objective.weights = self.weights_at(step)
             if step < self.num_steps:
                 new, seen, memory = self.optimizer.step(objective, state.raw, state.problem, state.optimizer)
                 check_memory(self.optimizer, memory, len(state.problem))
@@ -210,19 +220,6 @@ class FitPipeline(nn.Module):
         for callback in self.callbacks:
             callback.on_end(result)
         return result
-
-    def _likeliest(self, objective: Objective, raw: Variables) -> Variables:
-        """The candidates that are started, in the order in which they were proposed."""
-        if self.num_candidates == self.num_starts:
-            return raw
-        rows = len(next(iter(raw.values())))
-        problem = torch.arange(rows, device=next(iter(raw.values())).device) // self.num_candidates
-        objective.weights = self._weights_at(0)
-        # Values that are no numbers may still draw a picture.
-        ranking = objective(raw, problem).ranking
-        order, place = best_first(ranking.where(finite(raw), torch.inf), problem)
-        kept = order[place < self.num_starts].sort().values
-        return {name: tensor[kept] for name, tensor in raw.items()}
 
     def _seeds(self, observation: Observation, seed: int) -> Tensor:
         keys, starts = observation.keys or (0,) * observation.num_problems, range(self.num_starts)

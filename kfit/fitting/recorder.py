@@ -18,16 +18,19 @@ class Recorder:
     Args:
         num_problems: B.
         num_starts: S.
+        value_stride: values are recorded at every so many steps; at none if 0.
     """
 
-    def __init__(self, num_problems: int, num_starts: int) -> None:
-        self.num_problems, self.num_starts = num_problems, num_starts
+    def __init__(self, num_problems: int, num_starts: int, value_stride: int = 1) -> None:
+        self.num_problems, self.num_starts, self.value_stride = num_problems, num_starts, value_stride
         self.dropped: list[tuple[int, int, int]] = []
         self._steps: list[tuple[Tensor, Tensor, dict[str, Tensor], dict[str, Tensor]]] = []
 
     def record(self, state: FitState) -> None:
         """Note energies, terms and values of the rows that are there."""
-        self._steps.append((state.problem * self.num_starts + state.start, state.energy, state.terms, state.values))
+        kept = self.value_stride > 0 and len(self._steps) % self.value_stride == 0
+        values = state.values if kept else {}
+        self._steps.append((state.problem * self.num_starts + state.start, state.energy, state.terms, values))
 
     def drop(self, state: FitState) -> FitState:
         """The state without the rows whose energy is NaN or infinite; they are noted in `dropped`."""
@@ -77,12 +80,14 @@ class Recorder:
     def history(self) -> History:
         """Everything noted, as tensors (T, B, S, …) with NaN where a row was gone."""
         names = sorted({name for step in self._steps for name in step[2]})
-        values = self._steps[0][3]
+        valued = [step for step in self._steps if step[3]]
+        shown = valued[0][3] if valued else {}
         return History(
             energy=self._grid([(rows, energy) for rows, energy, _, _ in self._steps]),
             # A term whose weight was 0 at a step was not computed there.
             terms={name: self._grid([(s[0], s[2].get(name)) for s in self._steps]) for name in names},
-            values={name: self._grid([(s[0], s[3][name]) for s in self._steps]) for name in values},
+            values={name: self._grid([(s[0], s[3][name]) for s in valued]) for name in shown},
+            value_stride=self.value_stride,
         )
 
     def _grid(self, steps: list[tuple[Tensor, Tensor | None]]) -> Tensor:

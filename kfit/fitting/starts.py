@@ -8,6 +8,8 @@ import torch
 
 from kfit.core import Initializer, Observation, Variable, Variables
 from kfit.core.check import check_names
+from kfit.core.contracts import Evaluate
+from kfit.core.rows import best_first, finite
 from kfit.core.seeds import mixed_seed
 
 
@@ -47,3 +49,22 @@ def initialize(
                 raise ValueError(f"{type(initializer).__name__} must give {name!r} in shape {expected}, got {came}")
             raw[name] = variables[name].space.to_raw(value.to(observation.image))
     return {name: raw[name] for name in variables}
+
+
+def likeliest(evaluate: Evaluate, raw: Variables, num_candidates: int, num_starts: int) -> Variables:
+    """The candidates (B · num_starts, \\*shape) of the least ranking energy, in the order of their proposal.
+
+    Args:
+        evaluate: draws them once.
+        raw: (B · num_candidates, \\*shape) of each variable.
+        num_candidates, num_starts: of each problem.
+    """
+    if num_candidates == num_starts:
+        return raw
+    first = next(iter(raw.values()))
+    problem = torch.arange(len(first), device=first.device) // num_candidates
+    # Values that are no numbers may still draw a picture.
+    ranking = evaluate(raw, problem).ranking
+    order, place = best_first(ranking.where(finite(raw), torch.inf), problem)
+    kept = order[place < num_starts].sort().values
+    return {name: tensor[kept] for name, tensor in raw.items()}

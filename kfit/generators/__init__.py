@@ -4,7 +4,9 @@ from kfit.generators.encoder import ConvEncoder
 from kfit.generators.extents import ExtentsHead
 from kfit.generators.feature_encoder import FeatureEncoder
 from kfit.generators.mesh import MeshRenderer
+from kfit.generators.mesh_in_camera import MeshInCamera
 from kfit.generators.metric_depth import MetricDepth
+from kfit.generators.multi_view import MultiView
 from kfit.generators.onnx_generator import OnnxGenerator
 from kfit.generators.pose_head import PoseHead
 from kfit.generators.radiance_field import RadianceField
@@ -20,8 +22,10 @@ __all__ = [
     "ConvEncoder",
     "ExtentsHead",
     "FeatureEncoder",
+    "MeshInCamera",
     "MeshRenderer",
     "MetricDepth",
+    "MultiView",
     "OnnxGenerator",
     "PoseHead",
     "RadianceField",

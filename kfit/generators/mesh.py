@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import torch
@@ -10,13 +9,9 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from kfit.core import Angle, Generator, Positive, Rendering, Variable
-from kfit.core.check import check_count, check_range, check_shape
+from kfit.core.check import check_count, check_range
+from kfit.generators.splat import DEPTH_SOFTNESS, SurfacePoints
 from kfit.geometry import UNIT_FRACTION, focal_by_distance, rotation_from_angles
-
-# Surfaces this far apart, in box diagonals, outweigh one another by e.
-DEPTH_SOFTNESS = 0.0125
-# Points beyond the picture go here, outside of what is cut out.
-PAD = 3
 
 
 class MeshRenderer(Generator):
@@ -52,10 +47,6 @@ class MeshRenderer(Generator):
         ValueError: for arrays of other shapes, a surface without area, and a camera within the object.
     """
 
-    points: Tensor
-    normals: Tensor
-    colors: Tensor
-
     def __init__(
         self,
         vertices: Any,
@@ -68,7 +59,6 @@ class MeshRenderer(Generator):
         unit_fraction: float = UNIT_FRACTION,
     ) -> None:
         super().__init__()
-        check_count("MeshRenderer: num_points", num_points, 1, 10**7)
         check_count("MeshRenderer: image_size", image_size, 1, 4096)
         check_range("MeshRenderer: unit_fraction", unit_fraction, 0.1, 10.0)
         check_range("MeshRenderer: distance", distance, 1, 1e6)
@@ -79,81 +69,22 @@ class MeshRenderer(Generator):
             "shift": Variable((2,)),
             "scale": Variable((), Positive()),
         }
-        vertices, uv = (torch.as_tensor(array, dtype=torch.float32) for array in (vertices, uv))
-        faces, texture = torch.as_tensor(faces).long(), torch.as_tensor(texture)
-        check_shape("MeshRenderer: vertices", vertices, ("V", 3))
-        check_shape("MeshRenderer: faces", faces, ("F", 3))
-        check_shape("MeshRenderer: uv", uv, (vertices.shape[0], 2))
-        check_shape("MeshRenderer: texture", texture, ("Ht", "Wt", 3))
-        texture = texture.float() / 255 if texture.dtype == torch.uint8 else texture.float()
-        corners = vertices[faces]
-        spans = torch.linalg.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        areas = spans.norm(dim=1) / 2
-        if not float(areas.sum()) > 0:
-            raise ValueError("MeshRenderer: the faces must span an area, got none")
-        face, shares = _even_points(areas, num_points)
-        self.register_buffer("points", (shares[..., None] * corners[face]).sum(1))
-        self.register_buffer("normals", F.normalize(spans[face], dim=1))
-        self.register_buffer("colors", _look_up(texture, (shares[..., None] * uv[faces[face]]).sum(1)))
+        self.surface = SurfacePoints("MeshRenderer", vertices, faces, uv, texture, num_points)
         self.image_size, self.distance = image_size, distance
         # Pixels that a diagonal spans at the centre.
         self.unit = image_size * float(focal_by_distance(torch.tensor(distance), unit_fraction)) / distance
-        self.share = float(areas.sum()) / num_points
 
     def forward(self, **values: Tensor) -> Rendering:
-        with torch.autocast(self.points.device.type, enabled=False):
+        with torch.autocast(self.surface.points.device.type, enabled=False):
             rotation = rotation_from_angles(values["azimuth"], values["elevation"], values["roll"])
-            placed = self.points @ rotation.mT
+            placed = self.surface.points @ rotation.mT
             x, y, z = placed.unbind(-1)
             sight = F.normalize(placed.new_tensor([0.0, 0.0, self.distance]) - placed, dim=-1)
-            facing = ((self.normals @ rotation.mT) * sight).sum(-1).abs()
+            facing = ((self.surface.normals @ rotation.mT) * sight).sum(-1).abs()
             near = self.unit * values["scale"][:, None] * self.distance / (self.distance - z)
             move = values["shift"] * self.image_size / 2
             centre = (self.image_size - 1) / 2
             column, row = centre + near * x + move[:, :1], centre - near * y - move[:, 1:]
-            return self._splat(column, row, -z, facing * self.share * near.square())
-
-    def _splat(self, column: Tensor, row: Tensor, depth: Tensor, area: Tensor) -> Rendering:
-        rows, side = depth.shape[0], self.image_size + 2 * PAD
-        front = area * torch.exp(-depth / DEPTH_SOFTNESS)
-        # By the same kernel are summed: areas, weights, depths and colours.
-        carried = torch.cat([torch.stack([area, front, front * depth], -1), front[..., None] * self.colors], -1)
-        left, across = _kernel(column, self.image_size)
-        top, down = _kernel(row, self.image_size)
-        weights = (down[..., :, None] * across[..., None, :]).flatten(2)
-        steps = torch.arange(3, device=depth.device)
-        places = ((top[..., None] + steps)[..., :, None] * side + (left[..., None] + steps)[..., None, :]).flatten(2)
-        places = places + side**2 * torch.arange(rows, device=depth.device)[:, None, None]
-        sums = carried.new_zeros(rows * side**2, 6)
-        sums = sums.index_add(0, places.flatten(), (weights[..., None] * carried[:, :, None]).flatten(0, 2))
-        inside = slice(PAD, side - PAD)
-        sums = sums.view(rows, side, side, 6)[:, inside, inside].movedim(-1, 1)
-        mask = 1 - torch.exp(-math.log(2) * sums[:, :1] ** 3)
-        means = sums[:, 2:] / sums[:, 1:2].clamp_min(1e-30)
-        return Rendering(1 + mask * (means[:, 1:] - 1), mask, means[:, :1])
-
-
-def _kernel(place: Tensor, size: int) -> tuple[Tensor, Tensor]:
-    """First of three pixels of the padded picture that each point touches, and the B-spline's weights there (…, 3)."""
-    nearest = place.detach().round().nan_to_num().clamp(-2, size + 1)
-    t = (place - nearest).clamp(-0.5, 0.5)
-    weights = torch.stack([(0.5 - t).square() / 2, 0.75 - t.square(), (0.5 + t).square() / 2], -1)
-    return nearest.long() - 1 + PAD, weights
-
-
-def _even_points(areas: Tensor, count: int) -> tuple[Tensor, Tensor]:
-    """Faces (P,) and barycentric shares (P, 3) of points even over a surface, the same each time."""
-    ends = areas.double().cumsum(0)
-    number = torch.arange(count, dtype=torch.float64)
-    face = torch.searchsorted(ends, (number + 0.5) / count * ends[-1]).clamp_max(len(areas) - 1)
-    # Roberts' R2 sequence: multiples of the plastic number's inverse powers, even over the unit square.
-    u, v = ((0.5 + step * number) % 1 for step in (0.7548776662466927, 0.5698402909980532))
-    root = u.sqrt()
-    return face, torch.stack([1 - root, root * (1 - v), root * v], 1).float()
-
-
-def _look_up(texture: Tensor, uv: Tensor) -> Tensor:
-    """Bilinear colours (P, 3) at texture coordinates (P, 2)."""
-    picture = texture.permute(2, 0, 1)[None]
-    found = F.grid_sample(picture, 2 * uv[None, None] - 1, padding_mode="border", align_corners=False)
-    return found[0, :, 0].T.contiguous()
+            area = facing * self.surface.share * near.square()
+            size = (self.image_size, self.image_size)
+            return self.surface.splat(column, row, -z, area, size, DEPTH_SOFTNESS)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 from torch import Tensor
 
-from kfit.core import Generator, Positive, Rendering, Variable
+from kfit.core import Generator, Observation, Positive, Rendering, Variable
 from kfit.core.check import check_range
 from kfit.geometry.camera import distance_by_focal
 
@@ -41,6 +42,9 @@ class MetricDepth(Generator):
         self.generator, self.unit_fraction = generator, unit_fraction
         own = {name: Variable((), Positive()) for name in ("focal", "distance")}
         self.variables = {**own, **generator.variables}
+
+    def prepare(self, observation: Observation) -> Mapping[str, Tensor]:
+        return self.generator.prepare(observation)
 
     def forward(self, **values: Tensor) -> Rendering:
         drawn: Rendering = self.generator(**{name: values[name] for name in self.generator.variables})

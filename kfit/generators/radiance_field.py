@@ -11,10 +11,11 @@ from torch.nn import functional as F
 
 from kfit.core import Angle, Generator, Positive, Rendering, Variable, Variables
 from kfit.core.bound import bind_code
-from kfit.core.check import check_choice, check_count, check_list, check_range
+from kfit.core.check import check_choice, check_count, check_list, check_range, check_shape
 from kfit.generators.adain import AdaIN
 from kfit.generators.ray_march import EMPTY, RayMarch
 from kfit.generators.refinement import Refinement
+from kfit.generators.surface import Surface, surface_of
 from kfit.geometry.camera import distance_by_focal, focal_by_distance
 from kfit.geometry.pose import rotation_from_angles
 
@@ -129,6 +130,16 @@ class RadianceField(Generator):
             ValueError: for a name that is no variable of this generator, or a value of another shape.
         """
         return bind_code(self, fixed, lambda code: _BoundCode(self, code))
+
+    def surface(self, code: Tensor) -> Surface:
+        """The surface that a code (code_dim,) describes: a mesh in the object's frame, in box diagonals.
+
+        Raises:
+            ValueError: if the code describes nothing solid.
+        """
+        check_shape("RadianceField: code", code, (self.code_dim,))
+        with torch.no_grad():
+            return surface_of(self._volume(code[None])[0], self.half_sides, self.thickness)
 
     def _volume(self, code: Tensor) -> Tensor:
         """Raw colour and density (N, 4, D, H, W), the density above that of empty space."""

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import torch
 from kornia.geometry.transform import warp_affine
 from torch import Tensor
 
-from kfit.core import Angle, Generator, Positive, Rendering, Variable, Variables
+from kfit.core import Angle, Generator, Observation, Positive, Rendering, Variable, Variables
 from kfit.core.check import check_names
 
 OWN = ("roll", "shift", "scale")
@@ -46,6 +48,9 @@ class SimilarityWarp(Generator):
             "shift": Variable((2,)),
             "scale": Variable((), Positive()),
         }
+
+    def prepare(self, observation: Observation) -> Mapping[str, Tensor]:
+        return self.generator.prepare(observation)
 
     def forward(self, **values: Tensor) -> Rendering:
         inner = {name: value for name, value in values.items() if name not in OWN}

@@ -9,19 +9,31 @@ import torch
 from torch import Tensor
 
 from kfit.core import Initializer, Observation, Variable, Variables
-from kfit.core.check import check_dict, check_range
+from kfit.core.check import check_dict, check_names, check_range
 
 
 class Constant(Initializer):
-    """Starts each variable at one value.
+    """Starts each variable at one value, or about it.
 
     Args:
         values: by variable; a number fills the variable's whole shape, a list must match it.
+        spread: standard deviation of the starts but the first, by variable, as steps in the variable's space: in
+            half-turns for angles and rotations, in logarithms for positive numbers; 0 for variables not named.
+
+    Raises:
+        TypeError, ValueError: for values that are not finite numbers, a spread below 0 or of a variable that has no
+            value here and, when it is called, a value of another shape than its variable.
+
+    Example:
+        >>> Constant({"roll": 0.0, "scale": 1.0}, spread={"roll": 0.1}).on
+        ('roll', 'scale')
     """
 
-    def __init__(self, values: dict[str, float | list[float]]) -> None:
+    def __init__(self, values: dict[str, float | list[float]], spread: dict[str, float] | None = None) -> None:
         check_dict("Constant: values", values, _check_finite)
-        self.values, self.on = values, tuple(values)
+        self.values, self.spread, self.on = values, {} if spread is None else spread, tuple(values)
+        check_dict("Constant: spread", self.spread, check_range, 0)
+        check_names("Constant: spread", self.spread, self.on)
 
     def __call__(
         self,
@@ -30,14 +42,30 @@ class Constant(Initializer):
         num_starts: int,
         rngs: Sequence[torch.Generator],
     ) -> Variables:
-        rows = observation.num_problems * num_starts
         started = {}
         for name, value in self.values.items():
             tensor, shape = torch.as_tensor(value, dtype=observation.image.dtype), variables[name].shape
             if tensor.dim() and tensor.shape != shape:
                 raise ValueError(f"Constant: {name} must be a number or of shape {shape}, got {tuple(tensor.shape)}")
-            started[name] = tensor.expand(rows, *shape).clone()
+            same = tensor.expand(observation.num_problems, *shape)
+            if name in self.spread:
+                started[name] = scattered(same, variables[name], self.spread[name], num_starts, rngs)
+            else:
+                started[name] = same.repeat_interleave(num_starts, 0)
         return started
+
+
+def scattered(
+    values: Tensor, variable: Variable, spread: float, num_starts: int, rngs: Sequence[torch.Generator]
+) -> Tensor:
+    """Values (B · S, \\*shape) about B values: after steps of spread · ε, ε ~ N(0, 1), but of the first start none."""
+    space, shape = variable.space, variable.raw_shape
+    noise = torch.stack([torch.randn(num_starts, *shape, generator=rng, dtype=torch.float32) for rng in rngs]).to(
+        values
+    )
+    noise[:, 0] = 0
+    raw = space.to_raw(values).repeat_interleave(num_starts, 0)
+    return space.to_value(space.retract(raw, spread * noise.flatten(0, 1)))
 
 
 def _check_finite(name: str, value: Any) -> None:

@@ -8,12 +8,14 @@ import torch
 
 from kfit.core import FitResult, Initializer, Observation, Variable, Variables
 from kfit.core.check import check_choice, check_dict, check_list, check_names, check_range
+from kfit.initializers.constant import scattered
 
 
 class Previous(Initializer):
     """Starts at an earlier fit's answer, such as the frame before in a video.
 
-    raw = raw(answer) + spread · ε, ε ~ N(0, 1); the first start of each problem takes the answer itself.
+    A start is the answer after a step of spread · ε, ε ~ N(0, 1), in the variable's space; the first start of each
+    problem takes the answer itself.
 
     Args:
         result: of as many problems as will be fitted, problem by problem the same objects.
@@ -51,11 +53,5 @@ class Previous(Initializer):
             if len(value) != observation.num_problems:
                 count = observation.num_problems
                 raise ValueError(f"Previous: the result holds {len(value)} problems, the observation {count}")
-            space, shape = variables[name].space, variables[name].shape
-            noise = torch.stack(
-                [torch.randn(num_starts, *shape, generator=rng, dtype=torch.float32) for rng in rngs]
-            ).to(value)
-            noise[:, 0] = 0
-            raw = space.to_raw(value)[:, None] + self.spread.get(name, 0.0) * noise
-            started[name] = space.to_value(raw.flatten(0, 1))
+            started[name] = scattered(value, variables[name], self.spread.get(name, 0.0), num_starts, rngs)
         return started

@@ -7,5 +7,6 @@ from kfit.optimizers.gauss_newton import GaussNewton
 from kfit.optimizers.lbfgs import LBFGS
 from kfit.optimizers.levenberg_marquardt import LevenbergMarquardt
 from kfit.optimizers.stages import Stages
+from kfit.optimizers.torch_optimizer import TorchOptimizer
 
-__all__ = ["CMAES", "LBFGS", "Adam", "AutoAdam", "GaussNewton", "LevenbergMarquardt", "Stages"]
+__all__ = ["CMAES", "LBFGS", "Adam", "AutoAdam", "GaussNewton", "LevenbergMarquardt", "Stages", "TorchOptimizer"]

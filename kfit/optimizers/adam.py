@@ -56,8 +56,8 @@ class Adam(Optimizer):
         rates = self.rates if isinstance(self.rates, dict) else dict.fromkeys(raw, self.rates)
         share = self.decay ** memory["count"]
         fallen = {name: rate * share for name, rate in rates.items()}
-        new, memory = moved(raw, seen.gradient, memory, fallen, self.betas)
-        return new, seen, memory
+        step, memory = adam_step(seen.gradient, memory, fallen, self.betas)
+        return evaluate.retract(raw, step), seen, memory
 
 
 def check_betas(betas: tuple[float, float]) -> None:
@@ -78,8 +78,7 @@ def moments(raw: Variables) -> dict[str, Any]:
     return {"mean": zeros, "square": dict(zeros), "count": first.new_zeros(len(first))}
 
 
-def moved(
-    raw: Variables,
+def adam_step(
     gradient: Variables,
     memory: dict[str, Any],
     rates: Mapping[str, float | Tensor],
@@ -88,21 +87,21 @@ def moved(
     """One step of Adam.
 
     Args:
-        raw, gradient: (N, \\*shape) each.
+        gradient: (N, \\*raw_shape) each.
         memory: of `moments` or of the step before.
         rates: by variable; a tensor holds a rate for each row, (N,).
         betas: decay of the two averages.
 
     Returns:
-        The new raw numbers and the new memory.
+        The step (N, \\*raw_shape) of each variable, and the new memory.
     """
     low, high = betas
     count = memory["count"] + 1
     mean = {k: low * memory["mean"][k] + (1 - low) * g for k, g in gradient.items()}
     square = {k: high * memory["square"][k] + (1 - high) * g.square() for k, g in gradient.items()}
-    new = {}
-    for name, tensor in raw.items():
-        rows, rate = broadcast_rows(count, tensor), rates[name]
-        step = (mean[name] / (1 - low**rows)) / ((square[name] / (1 - high**rows)).sqrt() + 1e-8)
-        new[name] = tensor - (broadcast_rows(rate, tensor) if isinstance(rate, Tensor) else rate) * step
-    return new, {"mean": mean, "square": square, "count": count}
+    step = {}
+    for name, slope in gradient.items():
+        rows, rate = broadcast_rows(count, slope), rates[name]
+        unit = (mean[name] / (1 - low**rows)) / ((square[name] / (1 - high**rows)).sqrt() + 1e-8)
+        step[name] = -(broadcast_rows(rate, slope) if isinstance(rate, Tensor) else rate) * unit
+    return step, {"mean": mean, "square": square, "count": count}

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from kfit.core import Evaluate, Evaluation, Optimizer, Rendering, Variables
 from kfit.core.check import check_positive
-from kfit.optimizers.adam import check_betas, moments, moved
+from kfit.optimizers.adam import adam_step, check_betas, moments
 from kfit.optimizers.random import normal
 
 
@@ -48,9 +48,13 @@ class AutoAdam(Optimizer):
         rates = memory["rates"]
         if not bool(memory["measured"].all()):
             rates = self._rates(evaluate, raw, problem, seen, memory["seed"])
-        new, held = moved(raw, seen.gradient, memory["moments"], rates, self.betas)
+        step, held = adam_step(seen.gradient, memory["moments"], rates, self.betas)
         measured = torch.ones_like(memory["measured"])
-        return new, seen, {"moments": held, "seed": memory["seed"], "rates": rates, "measured": measured}
+        return (
+            evaluate.retract(raw, step),
+            seen,
+            {"moments": held, "seed": memory["seed"], "rates": rates, "measured": measured},
+        )
 
     def _rates(
         self, evaluate: Evaluate, raw: Variables, problem: Tensor, seen: Evaluation, seeds: Tensor
@@ -59,8 +63,9 @@ class AutoAdam(Optimizer):
         length = torch.finfo(before.dtype).eps ** (1 / 3)
         for number, (name, tensor) in enumerate(raw.items()):
             signs = normal(seeds + number, tensor.shape[1:], tensor).sign()
-            after = _picture(evaluate({**raw, name: tensor + length * signs}, problem).rendering)
-            sensitivity = (after - before).flatten(1).square().mean(1).sqrt() / length
+            moved = evaluate.retract({name: tensor}, {name: length * signs})
+            after = _picture(evaluate({**raw, **moved}, problem).rendering)
+            sensitivity = (after - before).reshape(len(problem), -1).square().mean(1).sqrt() / length
             rates[name] = self.change / sensitivity.to(tensor).clamp_min(self.change)
         return rates
 

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from kfit.core import Evaluate, Evaluation, Optimizer, Variables
 from kfit.core.check import check_count, check_dict, check_names, check_positive
-from kfit.optimizers.flat import flatten, unflatten
+from kfit.optimizers.flat import flatten, repeated, unflatten
 from kfit.optimizers.random import normal
 
 
@@ -69,21 +69,20 @@ class CMAES(Optimizer):
         deviations = spectrum.clamp_min(1e-20).sqrt()
         drawn = normal(memory["seed"] + memory["count"], (population, dim), mean)
         steps = (drawn * deviations[:, None]) @ axes.mT  # (N, population, P)
-        tried = (mean[:, None] + memory["size"][:, None, None] * steps).flatten(0, 1)
-        energy = evaluate(unflatten(tried, raw), problem.repeat_interleave(population)).energy
+        moves = (memory["size"][:, None, None] * steps).flatten(0, 1)
+        tried = evaluate.retract(repeated(raw, population), unflatten(moves, raw))
+        energy = evaluate(tried, problem.repeat_interleave(population)).energy
         energy = torch.where(energy.isfinite(), energy, torch.inf).view(rows, population)
         best = energy.argsort(dim=1, stable=True)[:, : population // 2]
         chosen = steps.gather(1, best[..., None].expand(-1, -1, dim))
-        new, memory = self._adapted(mean, chosen, (deviations, axes), population, memory)
-        return unflatten(new, raw), seen, memory
+        step, memory = self._adapted(chosen, (deviations, axes), population, memory)
+        return evaluate.retract(raw, unflatten(step, raw)), seen, memory
 
     @staticmethod
-    def _adapted(
-        mean: Tensor, chosen: Tensor, roots: tuple[Tensor, Tensor], population: int, memory: Any
-    ) -> tuple[Tensor, Any]:
-        """The new mean and memory; the constants are the tutorial's (table 1)."""
-        dim, parents = mean.shape[1], chosen.shape[1]
-        weights = math.log((population + 1) / 2) - torch.arange(1, parents + 1).to(mean).log()
+    def _adapted(chosen: Tensor, roots: tuple[Tensor, Tensor], population: int, memory: Any) -> tuple[Tensor, Any]:
+        """The mean's step and the new memory; the constants are the tutorial's (table 1)."""
+        parents, dim = chosen.shape[1:]
+        weights = math.log((population + 1) / 2) - torch.arange(1, parents + 1).to(chosen).log()
         weights = weights / weights.sum()
         mass = float(1 / weights.square().sum())
         size_rate = (mass + 2) / (dim + mass + 5)
@@ -99,11 +98,11 @@ class CMAES(Optimizer):
         size_path = (1 - size_rate) * memory["size_path"] + math.sqrt(size_rate * (2 - size_rate) * mass) * whitened
         count = memory["count"] + 1
         norm = size_path.norm(dim=1)
-        settled = (1 - (1 - size_rate) ** (2 * count.to(mean))).sqrt()
+        settled = (1 - (1 - size_rate) ** (2 * count.to(chosen))).sqrt()
         slow = norm / settled < (1.4 + 2 / (dim + 1)) * expected
         gain = math.sqrt(path_rate * (2 - path_rate) * mass)
         path = (1 - path_rate) * memory["path"] + gain * slow[:, None] * move
-        stalled = (~slow).to(mean) * path_rate * (2 - path_rate)
+        stalled = (~slow).to(chosen) * path_rate * (2 - path_rate)
         many = torch.einsum("k,nki,nkj->nij", weights, chosen, chosen)
         keep = 1 - one_rate - many_rate + one_rate * stalled
         covariance = keep[:, None, None] * memory["covariance"] + many_rate * many
@@ -111,4 +110,4 @@ class CMAES(Optimizer):
         # Tenfold in one step is more than any fit needs, and keeps a flat energy from running away.
         size = memory["size"] * ((size_rate / size_damp) * (norm / expected - 1)).clamp(-2.3, 2.3).exp()
         held = {"covariance": covariance, "size": size, "path": path, "size_path": size_path}
-        return mean + memory["size"][:, None] * move, {**held, "seed": memory["seed"], "count": count}
+        return memory["size"][:, None] * move, {**held, "seed": memory["seed"], "count": count}

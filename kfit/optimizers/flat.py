@@ -19,3 +19,8 @@ def unflatten(flat: Tensor, like: Variables) -> Variables:
     """The opposite of `flatten`: (N, P) in the names and shapes of ``like``, whatever its number of rows."""
     parts = flat.split([math.prod(tensor.shape[1:]) for tensor in like.values()], 1)
     return {name: part.reshape(-1, *tensor.shape[1:]) for part, (name, tensor) in zip(parts, like.items(), strict=True)}
+
+
+def repeated(variables: Variables, count: int) -> Variables:
+    """Each row ``count`` times, one after another: (N · count, \\*shape)."""
+    return {name: tensor.repeat_interleave(count, 0) for name, tensor in variables.items()}

@@ -10,7 +10,8 @@ from torch.utils import _pytree as pytree
 
 from kfit.core import Evaluate, Evaluation, Optimizer, Variables
 from kfit.core.check import check_dict, check_names, check_range
-from kfit.optimizers.flat import flatten, unflatten
+from kfit.core.rows import pictures_of
+from kfit.optimizers.flat import flatten, repeated, unflatten
 
 
 class GaussNewton(Optimizer):
@@ -44,12 +45,11 @@ class GaussNewton(Optimizer):
     def step(
         self, evaluate: Evaluate, raw: Variables, problem: Tensor, memory: Any
     ) -> tuple[Variables, Evaluation, Any]:
-        place = flatten(raw)
-        rows, count = place.shape
+        rows, count = flatten(raw).shape
         lengths = flatten({name: torch.full_like(tensor[:1], self.lengths[name]) for name, tensor in raw.items()})[0]
         # The row itself, then with one of its numbers moved.
         moves = torch.cat([lengths.new_zeros(1, count), lengths.diag()])
-        moved = unflatten((place[:, None] + moves).flatten(0, 1), raw)
+        moved = evaluate.retract(repeated(raw, count + 1), unflatten(moves.repeat(rows, 1), raw))
         seen = evaluate(moved, problem.repeat_interleave(count + 1), need="residuals")
         assert seen.residuals is not None  # asked for one line above
         residuals = seen.residuals.view(rows, count + 1, -1)
@@ -59,14 +59,17 @@ class GaussNewton(Optimizer):
         # Numbers that change nothing stay where they are, and do not make the matrix singular.
         damped = self.damping * diagonal + 1e-6 * diagonal.amax(1, keepdim=True).clamp_min(1e-30)
         delta, _ = torch.linalg.solve_ex(squares + torch.diag_embed(damped), -slopes)
-        new = place + lengths * delta.clamp(-self.reach, self.reach)
-        here = torch.arange(rows, device=place.device) * (count + 1)
-        return unflatten(new, raw), _at(seen, here), memory
+        step = lengths * delta.clamp(-self.reach, self.reach)
+        here = torch.arange(rows, device=step.device) * (count + 1)
+        return evaluate.retract(raw, unflatten(step, raw)), _at(seen, here), memory
 
 
 def _at(seen: Evaluation, rows: Tensor) -> Evaluation:
     """The evaluation of some rows."""
     parts = {name: part for name, part in vars(seen).items() if name != "rendering"}
     taken = pytree.tree_map_only(Tensor, lambda tensor: tensor[rows], parts)
-    drawn = None if seen.rendering is None else seen.rendering.map(lambda tensor: tensor[rows])
+    drawn = seen.rendering
+    if drawn is not None:
+        pictures = pictures_of(rows, len(drawn.image) // len(seen.energy))
+        drawn = drawn.map(lambda tensor: tensor[pictures])
     return Evaluation(**taken, rendering=drawn)

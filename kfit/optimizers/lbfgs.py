@@ -40,25 +40,25 @@ class LBFGS(Optimizer):
     def init(self, raw: Variables, seeds: Tensor) -> Any:
         place = flatten(raw)
         pairs = place.new_zeros(len(place), self.history, place.shape[1])
-        return {"place": place, "gradient": torch.zeros_like(place), "moves": pairs, "bends": pairs}
+        return {"move": torch.zeros_like(place), "gradient": torch.zeros_like(place), "moves": pairs, "bends": pairs}
 
     def step(
         self, evaluate: Evaluate, raw: Variables, problem: Tensor, memory: Any
     ) -> tuple[Variables, Evaluation, Any]:
         seen = evaluate(raw, problem, need="gradient")
         assert seen.gradient is not None  # asked for one line above
-        place, gradient = flatten(raw), flatten(seen.gradient)
-        moves, bends = self._remembered(place - memory["place"], gradient - memory["gradient"], memory)
+        gradient = flatten(seen.gradient)
+        moves, bends = self._remembered(memory["move"], gradient - memory["gradient"], memory)
         direction = self._direction(gradient, moves, bends)
-        found, failed = self._search(evaluate, raw, problem, seen.energy, gradient, direction)
+        move, failed = self._search(evaluate, raw, problem, seen.energy, gradient, direction)
         forgets = failed[:, None, None]
         new = {
-            "place": place,
+            "move": move,
             "gradient": gradient,
             "moves": moves.masked_fill(forgets, 0.0),
             "bends": bends.masked_fill(forgets, 0.0),
         }
-        return unflatten(found, raw), seen, new
+        return evaluate.retract(raw, unflatten(move, raw)), seen, new
 
     @staticmethod
     def _remembered(move: Tensor, bend: Tensor, memory: Any) -> tuple[Tensor, Tensor]:
@@ -90,20 +90,20 @@ class LBFGS(Optimizer):
     def _search(
         self, evaluate: Evaluate, raw: Variables, problem: Tensor, energy: Tensor, gradient: Tensor, direction: Tensor
     ) -> tuple[Tensor, Tensor]:
-        """Where each row goes, and whether it tried in vain."""
-        place = flatten(raw)
+        """How each row moves, and whether it tried in vain."""
         slope = (gradient * direction).sum(1)
         # A fall that rounding would hide is not worth a picture.
         worth = ~(-slope <= torch.finfo(energy.dtype).eps * energy.abs())
-        found, there = place, ~worth
+        found, there = torch.zeros_like(direction), ~worth
         length = torch.ones_like(slope)
         for _ in range(self.max_trials):
             rows = (~there).nonzero()[:, 0]
             if len(rows) == 0:
                 break
             t, down, before = length[rows], slope[rows], energy[rows].to(slope)
-            tried = place[rows] + t[:, None] * direction[rows]
-            after = evaluate(unflatten(tried, raw), problem[rows]).energy.to(slope)
+            tried = t[:, None] * direction[rows]
+            moved = evaluate.retract({k: v[rows] for k, v in raw.items()}, unflatten(tried, raw))
+            after = evaluate(moved, problem[rows]).energy.to(slope)
             fell = (after <= before + SUFFICIENT * t * down) & (after < before)
             found = found.index_copy(0, rows, torch.where(fell[:, None], tried, found[rows]))
             there = there.index_copy(0, rows, fell)

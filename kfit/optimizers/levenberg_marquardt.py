@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from kfit.core import Evaluate, Evaluation, Optimizer, Variables
+from kfit.core import Evaluate, Evaluation, Linearization, Optimizer, Variables
 from kfit.core.check import check_count, check_positive
-from kfit.optimizers.flat import flatten, unflatten
+from kfit.optimizers.flat import flatten, repeated, unflatten
+from kfit.optimizers.random import normal
 
 # Rows drawn at once for the Jacobian: bounds the memory that features and residuals take.
 ROWS_AT_ONCE = 256
+# Rows of more numbers than this are solved by products with the Jacobian, which is then never held.
+MAX_DIFFERENCES = 64
+# Of conjugate gradients: passes for the diagonal, iterations, and where a solution is near enough (relative).
+NUM_PROBES, MAX_ITERATIONS, TOLERANCE = 8, 50, 0.03
 
 
 class LevenbergMarquardt(Optimizer):
@@ -20,11 +26,14 @@ class LevenbergMarquardt(Optimizer):
 
     δ solves (JᵀJ + λ·diag JᵀJ) δ = −Jᵀr (Marquardt 1963). A step that lowers the energy is taken and λ falls by its
     gain ρ, λ ← λ · max(1/3, 1 − (2ρ − 1)³); otherwise λ ← λν, ν ← 2ν and the row tries again (Nielsen 1999). So the
-    energy of a row never rises while the weights stay.
+    energy of a row never rises while the weights stay. The slope Jᵀr, which decides where the fit ends, is half the
+    exact gradient.
 
-    J, which only shapes the step, is taken by forward differences, one picture for each of the P numbers of a row:
-    ``grid_sample`` has no forward-mode derivative, and two backward passes for each cost several times as much. The
-    slope Jᵀr, which decides where the fit ends, is half the exact gradient. A step draws 2 + P + trials pictures a row.
+    For up to 64 numbers a row, J, which only shapes the step, is taken by forward differences: a step draws
+    2 + P + trials pictures a row. For more, δ is found by conjugate gradients from products Jv and Jᵀu, each a pass
+    backwards through one drawing (`kfit.core.Linearization`; Nocedal and Wright 2006, algorithm 7.1): a step draws
+    2 + trials pictures and makes some 20 to 200 passes, however many the numbers, and the generator and the energies
+    must be differentiable twice. The diagonal is then estimated, as the mean of (Jᵀz)² over 8 random vectors z of ±1.
 
     Args:
         damping: λ at the start, relative to the diagonal.
@@ -42,37 +51,59 @@ class LevenbergMarquardt(Optimizer):
 
     def init(self, raw: Variables, seeds: Tensor) -> Any:
         place = flatten(raw)
-        return {"damping": place.new_full((len(place),), self.damping), "growth": place.new_full((len(place),), 2.0)}
+        damping, growth = (place.new_full((len(place),), value) for value in (self.damping, 2.0))
+        return {"damping": damping, "growth": growth, "seed": seeds}
 
     def step(
         self, evaluate: Evaluate, raw: Variables, problem: Tensor, memory: Any
     ) -> tuple[Variables, Evaluation, Any]:
         seen = evaluate(raw, problem, need="gradient")
         assert seen.gradient is not None  # asked for one line above
-        place, energy, slopes = flatten(raw), seen.energy, flatten(seen.gradient) / 2
-        squares = _squares(evaluate, raw, problem)
-        diagonal = squares.diagonal(dim1=1, dim2=2)
-        # Numbers that change nothing stay where they are, and do not make the matrix singular.
-        diagonal = diagonal.clamp_min(1e-30).maximum(1e-6 * diagonal.amax(1, keepdim=True))
-        found, damping, growth = place, memory["damping"], memory["growth"]
+        energy, slopes = seen.energy, flatten(seen.gradient) / 2
+        solve, diagonal = self._model(evaluate, raw, problem, slopes, memory["seed"])
+        found, damping, growth = torch.zeros_like(slopes), memory["damping"], memory["growth"]
         pending = torch.ones_like(problem, dtype=torch.bool)
         for _ in range(self.max_trials):
             rows = pending.nonzero()[:, 0]
             if len(rows) == 0:
                 break
+            delta = solve(damping[:, None] * diagonal, rows)
             scaled = damping[rows, None] * diagonal[rows]
-            delta, _ = torch.linalg.solve_ex(squares[rows] + torch.diag_embed(scaled), -slopes[rows])
-            tried = place[rows] + delta
-            fall = (energy[rows] - evaluate(unflatten(tried, raw), problem[rows]).energy).to(delta)
+            tried = evaluate.retract({name: tensor[rows] for name, tensor in raw.items()}, unflatten(delta, raw))
+            fall = (energy[rows] - evaluate(tried, problem[rows]).energy).to(delta)
             fell = fall > 0
             ratio = fall / (delta * (scaled * delta - slopes[rows])).sum(1).clamp_min(1e-30)
             calmer = damping[rows] * (1 - (2 * ratio.clamp(0, 1) - 1) ** 3).clamp_min(1 / 3)
             stronger = damping[rows] * growth[rows]
-            found = found.index_copy(0, rows, torch.where(fell[:, None], tried, found[rows]))
+            found = found.index_copy(0, rows, torch.where(fell[:, None], delta, found[rows]))
             damping = damping.index_copy(0, rows, torch.where(fell, calmer, stronger).clamp(1e-9, 1e9))
             growth = growth.index_copy(0, rows, torch.where(fell, 2.0, (2 * growth[rows]).clamp_max(1e3)))
             pending = pending.index_copy(0, rows, ~fell)
-        return unflatten(found, raw), seen, {"damping": damping, "growth": growth}
+        memory = {"damping": damping, "growth": growth, "seed": memory["seed"]}
+        return evaluate.retract(raw, unflatten(found, raw)), seen, memory
+
+    @staticmethod
+    def _model(
+        evaluate: Evaluate, raw: Variables, problem: Tensor, slopes: Tensor, seeds: Tensor
+    ) -> tuple[Callable[[Tensor, Tensor], Tensor], Tensor]:
+        """How to solve for δ of some rows, given λ·diag JᵀJ of all, and diag JᵀJ (N, P)."""
+        if slopes.shape[1] > MAX_DIFFERENCES:
+            linear = evaluate.linearize(raw, problem)
+            diagonal = _kept_above_zero(_diagonal(linear, slopes, seeds))
+            return lambda damped, rows: _conjugate_gradients(linear, damped, diagonal, slopes, rows), diagonal
+        squares = _squares(evaluate, raw, problem)
+        diagonal = _kept_above_zero(squares.diagonal(dim1=1, dim2=2))
+
+        def solve(damped: Tensor, rows: Tensor) -> Tensor:
+            delta: Tensor = torch.linalg.solve_ex(squares[rows] + torch.diag_embed(damped[rows]), -slopes[rows])[0]
+            return delta
+
+        return solve, diagonal
+
+
+def _kept_above_zero(diagonal: Tensor) -> Tensor:
+    """Numbers that change nothing stay where they are, and do not make the matrix singular."""
+    return diagonal.clamp_min(1e-30).maximum(1e-6 * diagonal.amax(1, keepdim=True))
 
 
 def _squares(evaluate: Evaluate, raw: Variables, problem: Tensor) -> Tensor:
@@ -83,10 +114,48 @@ def _squares(evaluate: Evaluate, raw: Variables, problem: Tensor) -> Tensor:
     shifts = length * torch.eye(count + 1, count, dtype=place.dtype, device=place.device)  # the last is none
     found = []
     for piece in torch.arange(rows, device=place.device).split(max(1, ROWS_AT_ONCE // (count + 1))):
-        moved = unflatten((place[piece, None] + shifts).flatten(0, 1), raw)
+        here = repeated({name: tensor[piece] for name, tensor in raw.items()}, count + 1)
+        moved = evaluate.retract(here, unflatten(shifts.repeat(len(piece), 1), raw))
         residuals = evaluate(moved, problem[piece].repeat_interleave(count + 1), need="residuals").residuals
         assert residuals is not None  # asked for one line above
         residuals = residuals.view(len(piece), count + 1, -1)
         jacobian = (residuals[:, :-1] - residuals[:, -1:]) / length
         found.append((jacobian @ jacobian.mT).to(place))
     return torch.cat(found)
+
+
+def _diagonal(linear: Linearization, slopes: Tensor, seeds: Tensor) -> Tensor:
+    """An unbiased estimate of diag JᵀJ (N, P): E[(Jᵀz)²] over random signs z."""
+    like = linear.push(torch.zeros_like(slopes))
+    probes = (normal(seeds + number, like.shape[1:], like).sign() for number in range(NUM_PROBES))
+    return torch.stack([linear.pull(probe).square() for probe in probes]).mean(0)
+
+
+def _conjugate_gradients(
+    linear: Linearization, damped: Tensor, diagonal: Tensor, slopes: Tensor, rows: Tensor
+) -> Tensor:
+    """δ of some rows with (JᵀJ + damped) δ = −slopes, preconditioned by the diagonal; each row ends on its own."""
+    scale = diagonal + damped
+    delta, rest = torch.zeros_like(slopes), -slopes
+    toward = rest / scale
+    direction, product = toward, (rest * toward).sum(1)
+    goal = TOLERANCE**2 * product
+    active = torch.zeros_like(product, dtype=torch.bool).index_fill(0, rows, True) & (product > 0)
+    for _ in range(MAX_ITERATIONS):
+        if not bool(active.any()):
+            break
+        image = linear.pull(linear.push(direction)) + damped * direction
+        curvature = (direction * image).sum(1)
+        active = active & (curvature > 0)  # false where a row is not finite
+        length = torch.where(active, product / curvature.where(active, 1.0), 0.0)[:, None]
+        # Not `length * direction` alone: a row that is not finite would be spoilt by 0 · ∞.
+        delta = torch.where(active[:, None], delta + length * direction, delta)
+        rest = torch.where(active[:, None], rest - length * image, rest)
+        toward = rest / scale
+        after = (rest * toward).sum(1)
+        direction = torch.where(
+            active[:, None], toward + (after / product.where(active, 1.0))[:, None] * direction, 0.0
+        )
+        product = torch.where(active, after, product)
+        active = active & (product > goal)
+    return delta[rows]

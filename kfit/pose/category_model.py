@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -11,31 +11,21 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from kfit.callbacks import Pruning
-from kfit.core import (
-    Callback,
-    Encoder,
-    Energy,
-    FitError,
-    FitResult,
-    Generator,
-    Observation,
-    Rendering,
-    Variables,
-)
+from kfit.core import Callback, Encoder, Energy, FitError, FitResult, Generator, Rendering, Variables
 from kfit.fitting.pipeline import FitPipeline
-from kfit.generators import ExtentsHead, MetricDepth, SimilarityWarp
-from kfit.geometry import Crop, PoseNetwork, diagonal_at, pose_from_crop, to_opencv, with_focal
-from kfit.optimizers import Adam
+from kfit.generators import ExtentsHead, RadianceField, SimilarityWarp
+from kfit.geometry import PoseNetwork, to_opencv
 from kfit.pose.card import Card
-from kfit.pose.confidence import confidence
-from kfit.pose.defaults import BETAS, FINAL_RATE_FRACTION, default_energies, default_parts
-from kfit.pose.hypotheses import PoseHypotheses, alternatives, ambiguity_warning, fitted_rotations, head_probability
+from kfit.pose.default_fit import default_fit
+from kfit.pose.defaults import default_energies
+from kfit.pose.hypotheses import fitted_rotations, hypotheses_of
 from kfit.pose.interpretation import interpret
 from kfit.pose.observed_object import ObservedObject
+from kfit.pose.placement import placement
 from kfit.pose.result import PoseResult
+from kfit.pose.views import Box, PhotoLike, observed_views, triangulated_diagonal
 from kfit.runtime.devices import safe_after_fork
-from kfit.segmentation import Photo, Segmenter
+from kfit.segmentation import Segmenter
 
 
 class CategoryModel:
@@ -84,6 +74,7 @@ class CategoryModel:
         callbacks: Sequence[Callback] | None = None,
         depth: bool = False,
         lens_known: bool = True,
+        views: float | None = None,
         energies: Mapping[str, tuple[Energy, float]] | None = None,
     ) -> FitPipeline:
         """The fit that `pose` runs: the paper's, with an energy that works offline.
@@ -103,26 +94,23 @@ class CategoryModel:
             depth: the observation has depth, which fixes the distance; the generator must draw depth.
             lens_known: drawings have the perspective of the observation's intrinsics; else their focal length is where
                 the fit starts, and `kfit.energies.LensPrior` has a word in how far it goes.
+            views: the observation has several views of each object, whose cameras fix distance and size: the box
+                diagonal in metres at which fits start.
             energies: of drawing and photo, by name and with their weights, instead of the first three.
         """
-        drawn: Generator = SimilarityWarp(self.generator)
-        if depth:
-            drawn = MetricDepth(drawn, self.card.unit_fraction)
-        compared = self._default_energies() if energies is None else energies
-        parts, weights, initializers, rates = default_parts(
-            drawn, self.encoder, self.pose_head, self.card, depth, lens_known, compared
-        )
-        return FitPipeline(
-            drawn,
-            parts,
-            initializers,
-            Adam(rates, BETAS, FINAL_RATE_FRACTION ** (1 / max(1, num_steps))),
-            weights=dict(weights),
-            rank_weights={name: weight for name, weight in weights.items() if name != "lens"},
-            callbacks=[Pruning({3: max(1, num_starts // 2)})] if callbacks is None else callbacks,
+        return default_fit(
+            self.generator,
+            self.encoder,
+            self.pose_head,
+            self.card,
+            self.image_size,
+            self._default_energies() if energies is None else energies,
             num_starts=num_starts,
             num_steps=num_steps,
-            num_candidates=(16 if self.pose_head is None else 4) * num_starts,
+            callbacks=callbacks,
+            depth=depth,
+            lens_known=lens_known,
+            views=views,
         ).to(self.device)
 
     def _default_energies(self) -> dict[str, tuple[Energy, float]]:
@@ -142,12 +130,13 @@ class CategoryModel:
     @torch.inference_mode(False)
     def pose(
         self,
-        image: str | Path | Photo | NDArray[Any],
-        mask: NDArray[Any] | None = None,
-        box: tuple[float, float, float, float] | None = None,
+        image: PhotoLike | Sequence[PhotoLike],
+        mask: NDArray[Any] | Sequence[NDArray[Any]] | None = None,
+        box: Box | Sequence[Box] | None = None,
         intrinsics: NDArray[Any] | Tensor | None = None,
         depth: NDArray[Any] | None = None,
         *,
+        relative_poses: NDArray[Any] | Tensor | None = None,
         segmenter: str | Path | Segmenter | None = None,
         seed: int = 0,
         pipeline: FitPipeline | None = None,
@@ -161,11 +150,15 @@ class CategoryModel:
 
         Args:
             image: path of a photo, what `kfit.segmentation.read_photo` made of it, or (H, W, 3)
-                RGB: uint8, or floating point in [0, 1].
+                RGB: uint8, or floating point in [0, 1]. A list of V such: photos of one object by cameras whose poses
+                to one another are known; ``mask``, ``box`` and ``intrinsics`` are then lists too, and the answer is in
+                the first camera.
             mask: (H, W), above one half of its full scale (1, 255 or 65535) on the object.
             box: left, top, width, height in pixels.
             intrinsics: (3, 3).
             depth: (H, W) in metres along the camera's axis; what is not finite and above 0 is unknown.
+            relative_poses: (V, 4, 4), take points in the first camera to each of V cameras (OpenCV axes, metres); the
+                first is the identity. They fix distance and size.
             segmenter: finds the object in ``box``, or without one the surest of this category: an ONNX file that
                 `kfit.segmentation.load_segmenter` reads, or any `kfit.segmentation.Segmenter`, such as detections.
             seed: decides the random numbers.
@@ -175,29 +168,28 @@ class CategoryModel:
             FileNotFoundError, ValueError: for a photo, mask, box, intrinsics or depth that cannot be used, in one
                 sentence.
         """
-        seen = ObservedObject.of(image, self.card.category, self.image_size, mask, box, intrinsics, depth, segmenter)
-        pipeline = pipeline or self.pipeline(depth=depth is not None, lens_known=seen.lens_known)
-        there: Observation = seen.observation.map(lambda tensor: tensor.to(pipeline.device))
-        return self.answer(pipeline(there, seed=seed), seen)
+        if isinstance(image, list | tuple):
+            if depth is not None:
+                raise ValueError("depth and several photos were both given; a fit of several photos is of colour alone")
+            seen, observation = observed_views(
+                image, self.card.category, self.image_size, mask, box, intrinsics, relative_poses, segmenter
+            )
+            start = triangulated_diagonal(observation, self.card.unit_fraction, self.card.mean_diagonal)
+            fit = pipeline or self.pipeline(views=start)
+        else:
+            if relative_poses is not None:
+                raise ValueError("relative_poses were given for one photo; they belong to a list of photos")
+            photo: Any = image
+            one: tuple[Any, Any] = (mask, box)
+            seen = ObservedObject.of(photo, self.card.category, self.image_size, *one, intrinsics, depth, segmenter)
+            observation = seen.observation
+            fit = pipeline or self.pipeline(depth=depth is not None, lens_known=seen.lens_known)
+        return self.answer(fit(observation.map(lambda tensor: tensor.to(fit.device)), seed=seed), seen)
 
     @property
     def image_size(self) -> int:
         """Side in pixels of the pictures that the generator draws."""
         return int(getattr(self.generator, "image_size", 64))
-
-    def placed(self, fitted: Variables, crop: Crop, camera: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Rotation (1, 3, 3), translation (1, 3) and box diagonal (1,) in metres of one problem's fitted values in the
-        photo's camera (3, 3), with the fitted focal length if there is one: by the fitted distance where there is one,
-        else by the category's mean size."""
-        values, unit = {name: value.double() for name, value in fitted.items()}, self.card.unit_fraction
-        if "focal" in values:
-            camera = with_focal(camera.double(), values["focal"] * crop.side)
-        angles = (values["azimuth"], values["elevation"], values["roll"])
-        shift, scale, camera = values["shift"], values["scale"], camera.double()
-        diagonal = torch.tensor([self.card.mean_diagonal], dtype=torch.float64)
-        if "distance" in values:
-            diagonal = diagonal_at(values["distance"], shift, scale, crop, camera, unit)
-        return *pose_from_crop(*angles, shift, scale, crop, camera, diagonal, unit), diagonal
 
     @safe_after_fork()
     def draw(self, values: Variables) -> Rendering:
@@ -217,25 +209,6 @@ class CategoryModel:
             said: Tensor = self.pose_head(image.to(self.device))
         return said.cpu()
 
-    def hypotheses(self, fit: FitResult, turn: Tensor, pose_log_probabilities: Tensor | None) -> PoseHypotheses:
-        """What the ends of a fit's starts say of the answer of one problem; see ``kfit.pose.hypotheses``.
-
-        Args:
-            fit: of one problem, on the CPU.
-            turn: (3, 3) from OpenCV axes of the fitted crop to those of the photo.
-            pose_log_probabilities: (1, B), what `pose_log_probabilities` says of the picture.
-        """
-        symmetry, head = self.card.known.symmetry, self.pose_head
-        found = alternatives(fit, turn, symmetry)
-        seen = (
-            None
-            if head is None or pose_log_probabilities is None
-            else head_probability(fit, pose_log_probabilities[0], head, symmetry)
-        )
-        calibration = self.card.calibration.get("RGB-D" if "distance" in fit.values else "RGB")
-        sure, warning = confidence(calibration, fit, found, seen, self.card.calibration.get("RGB"))
-        return PoseHypotheses(found, ambiguity_warning(found, seen, symmetry), sure, warning, seen)
-
     def answer(self, fit: FitResult, seen: ObservedObject) -> PoseResult:
         """What a fit of one problem says of the object that was seen."""
         (answer,) = self.answers(fit, [seen])
@@ -249,27 +222,23 @@ class CategoryModel:
         with torch.no_grad():
             extents = self.extents(fit.values["code"].to(self.device)).double().cpu()
         drawn = self.draw(fit.values).image.movedim(1, -1)
-        pose_log_probabilities = self.pose_log_probabilities(torch.cat([one.observation.image for one in seen]))
+        said = self.pose_log_probabilities(torch.cat([one.observation.image for one in seen]))
+        looks = [None] * len(seen) if said is None else list(said)
         fit = fit.to("cpu")
         return [
-            self._interpreted(
-                fit.of(n),
-                one,
-                extents[n],
-                drawn[n],
-                None if pose_log_probabilities is None else pose_log_probabilities[n : n + 1],
-            )
-            if fit.start[n] >= 0
-            else None
+            self._interpreted(fit.of(n), one, extents[n], drawn[n], looks[n]) if fit.start[n] >= 0 else None
             for n, one in enumerate(seen)
         ]
 
     def _interpreted(
         self, fit: FitResult, seen: ObservedObject, extents: Tensor, drawing: Tensor, log_probabilities: Tensor | None
     ) -> PoseResult:
-        rotation, translation, diagonal = self.placed(fit.values, seen.crop, seen.intrinsics)
+        rotation, translation, diagonal = placement(fit.values, seen.crop, seen.intrinsics, self.card)
         # From the crop's virtual camera to the photo's: the same turn for every start, up to their shifts.
         turn = rotation[0] @ to_opencv(fitted_rotations(fit.values))[0].mT
-        hypotheses = self.hypotheses(fit, turn, log_probabilities)
+        hypotheses = hypotheses_of(fit, turn, self.card, self.pose_head, log_probabilities)
         placed = (rotation[0], translation[0], extents * diagonal)
-        return interpret(self.card.category, fit, seen, placed, hypotheses, drawing, self.draw)
+        generator, surface = self.generator, None
+        if isinstance(generator, RadianceField):
+            surface = partial(generator.surface, fit.values["code"][0].to(self.device))
+        return interpret(self.card.category, fit, seen, placed, hypotheses, drawing, self.draw, surface)

@@ -19,6 +19,8 @@ from kfit.geometry import (
     to_opencv,
 )
 from kfit.geometry.clusters import WITHIN_DEG
+from kfit.pose.card import Card
+from kfit.pose.confidence import confidence
 from kfit.pose.result import Alternative
 
 # An answer with less than this share of the starts' weight, or of the pose head's probability, is called ambiguous.
@@ -41,6 +43,28 @@ class PoseHypotheses(NamedTuple):
     confidence: float
     warning: str | None
     seen: float | None
+
+
+def hypotheses_of(
+    fit: FitResult, turn: Tensor, card: Card, head: PoseNetwork | None, log_probability: Tensor | None
+) -> PoseHypotheses:
+    """What the ends of a fit's starts say of the answer of one problem.
+
+    Args:
+        fit: of one problem, on the CPU.
+        turn: (3, 3) from OpenCV axes of the fitted crop to those of the photo.
+        card: of the model.
+        head: the model's pose head, if it has one.
+        log_probability: (B,) of the head's bins for the picture.
+    """
+    symmetry, known = card.known.symmetry, card.calibration
+    found = alternatives(fit, turn, symmetry)
+    seen = None
+    if head is not None and log_probability is not None:
+        seen = head_probability(fit, log_probability, head, symmetry)
+    calibration = known.get("RGB-D" if "distance" in fit.values else "RGB")
+    sure, warning = confidence(calibration, fit, found, seen, known.get("RGB"))
+    return PoseHypotheses(found, ambiguity_warning(found, seen, symmetry), sure, warning, seen)
 
 
 def alternatives(fit: FitResult, turn: Tensor, symmetry: Symmetry) -> list[Alternative]:

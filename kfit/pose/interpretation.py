@@ -10,6 +10,7 @@ from torch import Tensor
 
 from kfit.core import FitResult, Rendering, Variables
 from kfit.energies.lens_prior import DISTANCE_SPREAD, FOCAL_SPREAD
+from kfit.generators.surface import Surface
 from kfit.geometry import CATEGORIES, with_focal
 from kfit.pose.confidence import DOUBTFUL
 from kfit.pose.hypotheses import PoseHypotheses
@@ -34,6 +35,7 @@ def interpret(
     hypotheses: PoseHypotheses,
     drawing: Tensor,
     draw: Callable[[Variables], Rendering],
+    surface: Callable[[], Surface] | None = None,
 ) -> PoseResult:
     """Make the answer of one problem's fit.
 
@@ -45,6 +47,7 @@ def interpret(
         hypotheses: its poses, and how sure the first of them is.
         drawing: (S, S, 3) of the winner.
         draw: renders values of the fit.
+        surface: finds the fitted object's surface.
     """
     rotation, translation, size = placed
     camera, notes = seen.intrinsics.double(), list(seen.notes)
@@ -61,7 +64,7 @@ def interpret(
         rotation=rotation.numpy(),
         translation=translation.numpy(),
         size=size.numpy(),
-        size_from="depth" if "distance" in fit.values else "mean size",
+        size_from="views" if "diagonal" in fit.values else "depth" if "distance" in fit.values else "mean size",
         bbox_xywh=(left, top, int(columns[-1]) + 1 - left, int(rows[-1]) + 1 - top),
         energy=float(fit.energy[0]),
         confidence=min(hypotheses.confidence, most),
@@ -81,6 +84,7 @@ def interpret(
         drawing=drawing.numpy(),
         fit=fit,
         draw=draw,
+        surface=surface,
     )
 
 

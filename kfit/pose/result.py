@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
@@ -12,7 +12,11 @@ from kornia.geometry.conversions import rotation_matrix_to_quaternion
 from numpy.typing import NDArray
 
 from kfit.core import FitResult, Observation, Rendering, Variables
+from kfit.generators.surface import Surface
 from kfit.geometry import CATEGORIES, Crop
+
+if TYPE_CHECKING:
+    from trimesh import Trimesh
 
 
 @dataclass(frozen=True)
@@ -41,7 +45,7 @@ class PoseResult:
         rotation: (3, 3), object (NOCS axes, y up) to camera (OpenCV: x right, y down, z forward).
         translation: (3,) of the object's centre, in metres.
         size: (3,) sides of the object's box along its own axes, in metres.
-        size_from: "depth", or "mean size" where size and distance rest on the category's.
+        size_from: "depth", "views" of several cameras, or "mean size" where size and distance rest on the category's.
         bbox_xywh: left, top, width, height of the mask's box, in pixels.
         energy: of the winning start; lower is better.
         confidence: probability in [0, 1] that the rotation is within 20° of the truth, calibrated on held-out
@@ -59,6 +63,9 @@ class PoseResult:
         drawing: (S, S, 3) the winner's picture.
         fit: everything about the fit.
         draw: draws N values of the fit, such as those of a start over the steps.
+        category_score: probability in [0, 1] that the object is of the category, by its look; None where nothing
+            checked it.
+        surface: finds the fitted object's surface; None where the model's generator has none.
     """
 
     category: str
@@ -82,6 +89,8 @@ class PoseResult:
     drawing: NDArray[np.float32] = field(repr=False)
     fit: FitResult = field(repr=False)
     draw: Callable[[Variables], Rendering] = field(repr=False)
+    category_score: float | None = None
+    surface: Callable[[], Surface] | None = field(default=None, repr=False)
 
     @property
     def quaternion_wxyz(self) -> NDArray[np.float64]:
@@ -91,10 +100,29 @@ class PoseResult:
         ].numpy()
         return quaternion if quaternion[0] >= 0 else -quaternion
 
+    def mesh(self) -> Trimesh:
+        """The fitted object's surface, with a colour at each vertex, in metres about the centre of its box, y up.
+
+        ``rotation`` and ``translation`` take it to the photo's camera. It is where a volume of colour and density
+        grows dense, found by marching cubes: as smooth as the drawings, and guessed where the photo shows nothing.
+
+        Raises:
+            ValueError: if the model's generator has no volume, or the fitted one is empty.
+        """
+        from trimesh import Trimesh
+
+        if self.surface is None:
+            raise ValueError(f"the model of {self.category} draws without a volume, so it has no surface")
+        surface = self.surface()
+        metres = surface.vertices * float(np.linalg.norm(self.size))
+        colors = (255 * surface.colors).round().astype(np.uint8)
+        return Trimesh(metres, surface.faces, vertex_colors=colors, process=False)
+
     def to_dict(self) -> dict[str, Any]:
         """What ``pose.json`` holds: numbers, lists and strings only."""
         return {
             "category": self.category,
+            "category_score": self.category_score,
             "symmetry": CATEGORIES[self.category].symmetry,
             "rotation": self.rotation.tolist(),
             "quaternion_wxyz": self.quaternion_wxyz.tolist(),

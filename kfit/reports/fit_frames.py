@@ -38,8 +38,13 @@ def fit_frames(result: PoseResult) -> FitFrames:
 
     Args:
         result: of a photo.
+
+    Raises:
+        ValueError: if not every step was recorded.
     """
     fit, history = result.fit, result.fit.history
+    if history.value_stride != 1:
+        raise ValueError("result must come from a fit that recorded the values of every step, with history=True")
     start = int(fit.start[0])
     there = history.energy[:, 0, start].isfinite()  # a start at rest is not looked at again
     path = {name: value[there, 0, start] for name, value in history.values.items()}

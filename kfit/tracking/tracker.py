@@ -26,6 +26,7 @@ from kfit.pose.confidence import DOUBTFUL, evidence
 from kfit.pose.defaults import default_energies
 from kfit.pose.hypotheses import alternatives, head_probability
 from kfit.pose.inputs import as_numbers, as_photo, choose_mask
+from kfit.pose.placement import placement
 from kfit.pose.result import PoseResult
 from kfit.segmentation import Photo, binary_mask, mask_in_photo, read_photo
 from kfit.tracking.fixed_rendering import FixedRendering, FixedStart
@@ -217,7 +218,7 @@ class Tracker:
             self.silhouette = picture.field("mask")[0, 0]
             away = self.silhouette.minimum(seen.field("mask")[0, 0]).sum()
             overlap = away / self.silhouette.maximum(seen.field("mask")[0, 0]).sum()
-            rotation, translation, _ = self.model.placed(self.values, self.crop, self.camera)
+            rotation, translation, _ = placement(self.values, self.crop, self.camera, self.model.card)
         lost = float(overlap) < LOST or energy > UNUSUAL * self.usual
         jump = rotation_error(rotation[0], self.before, self.model.card.known.symmetry).rad2deg() > JUMP_DEG
         self.calm, self.before = 0 if jump else self.calm + 1, rotation[0]

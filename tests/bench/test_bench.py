@@ -97,3 +97,18 @@ def test_a_registration_is_solved_when_it_is_and_not_before():
             num_steps=steps,
         )
         assert problem.solved(fit(problem.observation, seed=0)).tolist() == [solved] * 3
+
+
+def test_simpleitk_and_ecc_find_affine_maps_and_kfit_comes_as_near():
+    pytest.importorskip("SimpleITK")
+    pair = registration_pairs.make_pair("coffee", 96, 0.0, 3, "affine")
+    ours = registration_pairs.corner_distance(bench_registration.register(pair, "affine"), pair)
+    theirs = (bench_registration.by_simpleitk(pair), bench_registration.by_ecc(pair, 1, "affine"))
+    distances = [registration_pairs.corner_distance(matrix, pair) for matrix in theirs]
+    assert max(distances) < 0.5
+    assert ours < min(distances)
+
+
+def test_an_affine_map_has_a_lower_floor_than_a_homography():
+    pair = registration_pairs.make_pair("coffee", 64, 0.0, 3, "affine")
+    assert registration_pairs.noise_floor(pair, 0.02, "affine") < 0.9 * registration_pairs.noise_floor(pair, 0.02)

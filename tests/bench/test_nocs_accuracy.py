@@ -62,5 +62,10 @@ def test_an_object_without_depth_is_not_fitted_to_it(tiny_model: CategoryModel, 
 
 def test_a_model_knows_whether_it_draws_depth(tiny_model: CategoryModel) -> None:
     assert "depth" not in tiny_model.drawn
-    field = RadianceField(code_dim=4, volume_dims=[8, 4], num_samples=4)
-    assert "depth" in CategoryModel(field, tiny_model.encoder, tiny_model.extents, tiny_model.card).drawn
+    deep = CategoryModel(
+        RadianceField(code_dim=4, volume_dims=[8, 4], num_samples=4),
+        tiny_model.encoder,
+        tiny_model.extents,
+        tiny_model.card,
+    )
+    assert "depth" in deep.drawn

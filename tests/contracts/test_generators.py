@@ -14,8 +14,10 @@ from kfit.generators import (
     VAE2D,
     VAE3D,
     ConvEncoder,
+    MeshInCamera,
     MeshRenderer,
     MetricDepth,
+    MultiView,
     OnnxGenerator,
     RadianceField,
     SimilarityWarp,
@@ -47,6 +49,15 @@ def tiny_mesh():
     return MeshRenderer(vertices, faces, uv, texture, num_points=400, image_size=16)
 
 
+def tiny_mesh_in_camera():
+    vertices = torch.tensor([[-0.4, -0.3, -0.2], [0.45, -0.25, 0.0], [-0.1, -0.2, 0.4], [0.1, 0.35, 0.05]])
+    faces = torch.tensor([[0, 1, 2], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
+    texture = torch.rand(4, 4, 3, generator=torch.Generator().manual_seed(2))
+    uv = torch.tensor([[0.1, 0.1], [0.9, 0.2], [0.2, 0.9], [0.8, 0.8]])
+    camera = torch.tensor([[40.0, 0, 7.5], [0, 40, 7.5], [0, 0, 1]])
+    return MeshInCamera(vertices - torch.tensor([0, 0, -3.0]), faces, uv, texture, (16, 16), camera, num_points=400)
+
+
 # How to build a small one, and the shapes of its variables.
 POSE = {"code": (3,), "azimuth": (), "elevation": ()}
 PLANE = {"roll": (), "shift": (2,), "scale": ()}
@@ -60,6 +71,7 @@ BUILD = {
         POSE | PLANE | {"distance": (), "focal": ()},
     ),
     MeshRenderer: (tiny_mesh, {"azimuth": (), "elevation": ()} | PLANE),
+    MeshInCamera: (tiny_mesh_in_camera, {"rotation": (3, 3), "translation": (3,)}),
     Template: (
         lambda: Template(torch.rand(3, 16, 16, generator=torch.Generator().manual_seed(2))),
         {"corners": (4, 2)},
@@ -67,15 +79,17 @@ BUILD = {
 }
 # Draws without gradients, in single precision: tests/generators/test_onnx_generator.py
 WITHOUT_GRADIENTS = {OnnxGenerator}
+# Draws by what it prepared for an observation: tests/pose/test_views.py
+WITH_CONTEXT = {MultiView}
 IN_DEPTH_ALONE = {"distance"}  # variables that neither colour nor mask show
-SMALL = {"roll": 0.2, "shift": 0.1, "scale": 0.1, "corners": 0.1}
+SMALL = {"rotation": 0.03, "translation": 0.1, "roll": 0.2, "shift": 0.1, "scale": 0.1, "corners": 0.1}
 
 
 def random_values(generator, rows, dtype=torch.float32):
     rng = torch.Generator().manual_seed(7)
     values = {}
     for name, variable in generator.variables.items():
-        raw = SMALL.get(name, 0.5) * torch.randn(rows, *variable.shape, generator=rng, dtype=torch.float64)
+        raw = SMALL.get(name, 0.5) * torch.randn(rows, *variable.raw_shape, generator=rng, dtype=torch.float64)
         values[name] = variable.space.to_value(raw).to(dtype)
     return values
 
@@ -100,7 +114,7 @@ def subsets(names):
 
 def test_every_shipped_generator_is_covered_here_and_exported():
     found = shipped(kfit.generators, Generator)
-    assert found == set(BUILD) | WITHOUT_GRADIENTS
+    assert found == set(BUILD) | WITHOUT_GRADIENTS | WITH_CONTEXT
     assert {kind.__name__ for kind in found | shipped(kfit.generators, Encoder)} <= set(kfit.generators.__all__)
 
 
@@ -147,7 +161,7 @@ class TestAGenerator:
             slopes = torch.autograd.grad(picture.square().sum(), list(seen.values()), retain_graph=True)
             for variable, slope in zip(seen, slopes, strict=True):
                 assert bool(slope.isfinite().all()), (name, variable)
-                assert bool((slope.view(3, -1).abs().sum(1) > 0).all()), (name, variable)
+                assert bool((slope.reshape(3, -1).abs().sum(1) > 0).all()), (name, variable)
 
     def test_gradients_are_those_of_finite_differences(self, kind):
         generator = BUILD[kind][0]().double()

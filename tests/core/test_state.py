@@ -35,7 +35,7 @@ def test_a_whole_observation_is_taken():
 @pytest.mark.parametrize("name", GOOD)
 def test_an_observation_of_a_wrong_shape_is_refused_by_the_name_of_the_field(name):
     with pytest.raises(ValueError, match=rf"^{name} must have shape"):
-        Observation(**{**GOOD, name: GOOD[name][0]})
+        Observation(**{**GOOD, name: GOOD[name][0]})  # with an axis more, an image is a volume
 
 
 def test_a_volume_has_fields_of_its_size():
@@ -64,7 +64,7 @@ def test_pictures_in_whole_numbers_are_refused_by_name(name):
 
 
 def test_keys_must_be_one_a_picture():
-    with pytest.raises(ValueError, match=r"^keys .* 2 pictures, got 3"):
+    with pytest.raises(ValueError, match=r"^keys .* 2 problems, got 3"):
         Observation(GOOD["image"], keys=(1, 2, 3))
 
 

@@ -65,6 +65,35 @@ def test_the_pose_of_a_known_mesh_is_found(tmp_path: Path) -> None:
     assert numbers(r"scale ([\d.]+)", said)[0] == pytest.approx(1, abs=0.03)
 
 
+@pytest.mark.slow
+def test_two_views_find_the_pose_of_a_mesh_from_forty_degrees_away(tmp_path: Path) -> None:
+    printed = run("fit_two_views.py", tmp_path)
+    assert numbers(r"off by ([\d.]+)°", printed)[0] < 3
+    assert numbers(r"by ([\d.]+) mm", printed)[0] < 10
+
+
+@pytest.mark.slow
+def test_a_bent_picture_is_straightened(tmp_path: Path) -> None:
+    printed = run("bend_a_picture.py", tmp_path)
+    before, after = numbers(r"by ([\d.]+) (?:before|after)", printed)
+    assert after < 0.3 * before
+
+
+@pytest.mark.slow
+def test_an_optimizer_of_torch_s_inverts_a_generator(tmp_path: Path) -> None:
+    mean, found = numbers(r"([\d.]+) for", run("invert_a_generator.py", tmp_path))
+    assert found < 0.8 * mean
+
+
+@pytest.mark.slow
+def test_a_fitted_object_becomes_a_closed_mesh_of_its_size(tmp_path: Path) -> None:
+    printed = run("mesh_of_an_object.py", tmp_path)
+    assert "closed: True" in printed
+    extents, box = (numbers(r"([\d.]+)", part) for part in printed.split(";")[1].split("in a fitted box of"))
+    assert extents == pytest.approx(box, rel=0.2)
+    assert (tmp_path / "made/here/mug.glb").stat().st_size > 10_000
+
+
 def test_an_energy_of_ones_own_named_in_a_recipe_bears_what_l1_does_not(tmp_path: Path) -> None:
     plain, own = numbers(r"off by ([\d.]+) pixels", run("own_parts/fit.py", tmp_path))
     assert own < 1.5 < plain

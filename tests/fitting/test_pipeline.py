@@ -274,3 +274,20 @@ class TestProgress:
         out, err = capsys.readouterr()
         assert not out
         assert "1 starts · energy" in err
+
+
+class TestHistoryOfAFit:
+    def test_holds_values_at_every_so_many_steps_or_none(self):
+        whole = pipeline()(spots(), seed=0).history
+        some = pipeline(history=5)(spots(), seed=0).history
+        none = pipeline(history=False)(spots(), seed=0).history
+        torch.testing.assert_close(some.values["x"], whole.values["x"][::5], rtol=0, atol=0)
+        assert none.values == {}
+        assert (whole.value_stride, some.value_stride, none.value_stride) == (1, 5, 0)
+        for fewer in (some, none):
+            torch.testing.assert_close(fewer.energy, whole.energy, rtol=0, atol=0)
+
+    @pytest.mark.parametrize("stride", [0, -1])
+    def test_refuses_a_stride_below_one(self, stride):
+        with pytest.raises(ValueError, match="history must be at least 1"):
+            pipeline(history=stride)

@@ -6,15 +6,20 @@ import pytest
 import torch
 from scipy.ndimage import map_coordinates
 
-from kfit.core import Generator, Rendering
+from kfit.core import Generator, Observation, Rendering
 from kfit.generators import SimilarityWarp, Template
+from kfit.generators.motions import values_of
 
 STILL = {
+    "translation": {"shift": [0.0, 0.0]},
+    "euclidean": {"roll": 0.0, "shift": [0.0, 0.0]},
     "similarity": {"roll": 0.0, "shift": [0.0, 0.0], "scale": 1.0},
     "affine": {"roll": 0.0, "shift": [0.0, 0.0], "scale": 1.0, "stretch": 1.0, "shear": 0.0},
     "homography": {"corners": [[0.0, 0.0]] * 4},
 }
 MOVED = {
+    "translation": {"shift": [0.21, -0.13]},
+    "euclidean": {"roll": 0.3, "shift": [0.2, -0.1]},
     "similarity": {"roll": 0.3, "shift": [0.2, -0.1], "scale": 0.8},
     "affine": {"roll": -0.2, "shift": [0.1, 0.1], "scale": 1.1, "stretch": 1.2, "shear": 0.15},
     "homography": {"corners": [[0.1, -0.2], [-0.05, 0.1], [0.2, 0.1], [0.0, -0.1]]},
@@ -157,9 +162,13 @@ class TestOversampling:
 @pytest.mark.parametrize(
     ("given", "error", "said"),
     [
-        ({"picture": torch.rand(20, 30)}, ValueError, r"picture must have shape \(C, H, W\)"),
+        ({"picture": torch.rand(20, 30)}, ValueError, r"picture must have shape \(B, C, H, W\)"),
         ({"picture": torch.zeros(3, 4, 4, dtype=torch.uint8)}, TypeError, "picture must be a floating-point tensor"),
-        ({"motion": "rigid"}, ValueError, "motion must be one of similarity, affine, homography, got 'rigid'"),
+        (
+            {"motion": "rigid"},
+            ValueError,
+            "motion must be one of translation, .*, got 'rigid'",
+        ),
         ({"oversampling": 0}, ValueError, "oversampling must lie between 1 and 16, got 0"),
         ({"fill": torch.rand(3, 20, 30)}, TypeError, "fill must be a number"),
         ({"mask": torch.rand(3, 20, 30)}, ValueError, r"mask must have shape \(1, 20, 30\)"),
@@ -168,3 +177,62 @@ class TestOversampling:
 def test_what_cannot_be_drawn_is_refused_in_a_sentence(given, error, said):
     with pytest.raises(error, match=said):
         Template(**{"picture": picture(), **given})
+
+
+@pytest.mark.parametrize("motion", MOVED)
+def test_values_that_do_what_a_matrix_does_are_found(motion):
+    template = Template(picture(), motion)
+    values = rows(MOVED[motion])
+    found = values_of(motion, template.matrix(**values), template.size)
+    assert set(found) == set(values)
+    for name, value in values.items():
+        torch.testing.assert_close(found[name], value, rtol=0, atol=1e-9)
+
+
+def test_a_similarity_comes_as_near_to_an_affine_map_as_opencv_s():
+    affine = Template(picture(), "affine").matrix(**rows(MOVED["affine"]))
+    found = Template(picture(), "similarity").matrix(**values_of("similarity", affine, (20, 30)))
+    corners = np.array([[-0.5, -0.5], [29.5, -0.5], [29.5, 19.5], [-0.5, 19.5]])
+    there = corners @ affine[0, :2, :2].numpy().T + affine[0, :2, 2].numpy()
+    theirs, _ = cv2.estimateAffinePartial2D(corners, there, method=cv2.LMEDS, refineIters=50)
+    assert np.linalg.norm(corners @ found[0, :2, :2].numpy().T + found[0, :2, 2].numpy() - there) <= (
+        np.linalg.norm(corners @ theirs[:, :2].T + theirs[:, 2] - there) + 1e-6
+    )
+
+
+class TestABendingMotion:
+    @pytest.mark.parametrize("motion", ["tps", "flow"])
+    def test_reads_where_its_control_points_say(self, motion):
+        control = (4, 5)
+        field = 0.1 * torch.randn(1, 2, *control, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+        template = Template(picture(19, 29), motion, control=control)
+        places = template.places(displacement=field)
+        grid = torch.stack(torch.meshgrid(torch.arange(29.0), torch.arange(19.0), indexing="xy"), -1).double()
+        moved = (places - grid)[0, ::6, ::7]
+        expected = field[0].movedim(0, -1) * torch.tensor([14.5, 9.5], dtype=torch.float64)
+        torch.testing.assert_close(moved, expected, rtol=0, atol=1e-9)
+
+    @pytest.mark.parametrize("motion", ["tps", "flow"])
+    def test_does_not_move_without_displacement_and_is_no_matrix(self, motion):
+        template, still = Template(picture(), motion), torch.zeros(1, 2, 5, 5, dtype=torch.float64)
+        torch.testing.assert_close(template(displacement=still).image[0], picture(), rtol=0, atol=1e-12)
+        with pytest.raises(ValueError, match="which no matrix does"):
+            template.matrix(displacement=still)
+
+    def test_is_dense_with_as_many_control_points_as_pixels(self):
+        template = Template(picture(), "flow", control=(20, 30))
+        field = torch.zeros(1, 2, 20, 30, dtype=torch.float64)
+        field[:, 0] = 1 / 15  # a pixel to the right
+        torch.testing.assert_close(template(displacement=field).image[0, :, :, :-1], picture()[:, :, 1:])
+
+
+def test_a_batch_has_a_template_for_each_problem():
+    pictures = torch.stack([picture(), 1 - picture()])
+    template = Template(pictures, "translation")
+    values = rows(MOVED["translation"])
+    both = template(shift=values["shift"].expand(2, 2), template=torch.tensor([1, 0]))
+    for row, number in enumerate((1, 0)):
+        alone = Template(pictures[number], "translation")(**values)
+        torch.testing.assert_close(both.image[row : row + 1], alone.image)
+    with pytest.raises(ValueError, match="2 pictures cannot be fitted to 3 problems"):
+        template.prepare(Observation(torch.zeros(3, 3, 20, 30)))

@@ -25,7 +25,7 @@ ASIDE = {
     "Alternative", "Card", "Category", "Detections", "Evaluation", "FitError", "FitResult", "FitState", "TrackedPose",
     "Tracker", "Frame", "History", "MaskRCNN", "Mesh", "NOCSFrame", "NOCSFrames", "NOCSObject", "NOCSPrediction",
     "NOCSScores", "Observation", "OnnxGenerator", "OnnxNetwork", "Photo", "PoseResult", "Rendering", "SalientObject",
-    "Segment", "View", "ViewPairs", "Views", "YoloSeg", "CategoryModel", "Evaluate",
+    "Segment", "View", "ViewPairs", "Views", "YoloSeg", "CategoryModel", "Evaluate", "Linearization",
 }  # fmt: skip
 EYES, ONES, MANY = torch.eye(3).repeat(2, 1, 1), torch.ones(2), np.eye(20, 3)
 
@@ -89,7 +89,12 @@ def arguments() -> dict[str, dict]:
             "vertices": np.eye(3), "faces": np.array([[0, 1, 2]]), "uv": np.zeros((3, 2)),
             "texture": np.zeros((2, 2, 3), np.uint8), "num_points": 8, **side,
         },
+        "MeshInCamera": {
+            "vertices": np.eye(3), "faces": np.array([[0, 1, 2]]), "uv": np.zeros((3, 2)),
+            "texture": np.zeros((2, 2, 3), np.uint8), "num_points": 8, "image_size": (8, 8),
+        },
         "MetricDepth": {"generator": wrapped(small["generator"]), "unit_fraction": 1.0},
+        "MultiView": {"generator": wrapped(small["generator"]), "unit_fraction": 1.0, **side},
         "OrientationRegressor": {"hidden_dim": 4, "image_size": 32},
         "OrientationTraining": {"regressor": small["orientation"]},
         "Perceptual": {"network": small["features"]},
@@ -108,6 +113,7 @@ def arguments() -> dict[str, dict]:
         "Stages": {"stages": [(Adam(), 1)]},
         "Step": {"weights": [1.0, 0.1], "at": [0.5]},
         "Template": {"picture": torch.zeros(3, 4, 4)},
+        "TorchOptimizer": {"optimizer": torch.optim.Adam, "lr": 0.1},
         "TotalVariation": {"on": "flow"},
         "Uniform": {"on": "code", "low": 0.0, "high": 1.0},
         "VAE2D": {**dims, "decoder_dims": (4, 4)},

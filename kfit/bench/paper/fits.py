@@ -25,6 +25,7 @@ from kfit.initializers import Constant, EncoderPosterior, FromMask, PosePosterio
 from kfit.optimizers import Adam
 from kfit.pose import CategoryModel
 from kfit.pose.defaults import RATES
+from kfit.pose.placement import placement
 
 # Views of which more than the errors is kept, for pictures.
 SHOWN = 5
@@ -128,7 +129,7 @@ def by_fit(model: CategoryModel, views: HeldOutViews, pipeline: FitPipeline, on_
     fits = [result.of(number) for result in results for number in range(len(result.energy))][:SHOWN]
     boxes = []
     for fit, crop, camera in zip(fits, views.crops, views.intrinsics, strict=False):
-        rotation, place, diagonal = model.placed(fit.values, crop, camera)
+        rotation, place, diagonal = placement(fit.values, crop, camera, model.card)
         with torch.no_grad():
             boxes.append((rotation[0], place[0], model.extents(fit.values["code"])[0].double() * diagonal))
     drawing = torch.cat([model.draw(fit.values).image for fit in fits])

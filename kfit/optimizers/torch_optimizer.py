@@ -1,0 +1,154 @@
+"""Optimizers of torch.optim, and others written like them."""
+
+from __future__ import annotations
+
+import inspect
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from kfit.core import Evaluate, Evaluation, Optimizer, Schedule, Variables
+from kfit.core.check import check_count, check_dict, check_names, check_positive, check_range
+
+
+class TorchOptimizer(Optimizer):
+    """Any optimizer written as those of `torch.optim`, each row on its own.
+
+    Each row of each variable is a parameter, and what the optimizer remembers of its parameters is held as tensors that
+    lead with rows, so that a fit can prune. A step in a curved space is how far the optimizer moved the raw numbers.
+
+    Args:
+        optimizer: the class, such as ``torch.optim.AdamW``.
+        lr: learning rate, one for all variables or one for each, in raw units (half-turns for angles).
+        schedule: factor of the learning rates over the first ``num_steps`` steps; constant unless given.
+        num_steps: steps over which the schedule runs; it stays at its end afterwards.
+        settings: other arguments of the class, such as ``{"weight_decay": 0.01}``.
+
+    Raises:
+        TypeError: if ``optimizer`` is not a class of torch optimizers, needs a closure (for L-BFGS there is
+            `kfit.optimizers.LBFGS`), or remembers something outside its parameters' state.
+        ValueError: for learning rates that are not above 0 and, when a fit starts, names that differ from the
+            generator's variables, or an optimizer that mixes its parameters, which would mix rows.
+
+    Example:
+        >>> import torch
+        >>> from kfit.optimizers import TorchOptimizer
+        >>> from kfit.fitting.schedules import Cosine
+        >>> optimizer = TorchOptimizer(torch.optim.AdamW, lr=0.02, schedule=Cosine(1.0, 0.0), num_steps=50)
+    """
+
+    def __init__(
+        self,
+        optimizer: type[torch.optim.Optimizer],
+        lr: float | dict[str, float],
+        schedule: Schedule | None = None,
+        num_steps: int = 50,
+        settings: dict[str, Any] | None = None,
+    ) -> None:
+        if not (isinstance(optimizer, type) and issubclass(optimizer, torch.optim.Optimizer)):
+            raise TypeError(f"TorchOptimizer: optimizer must be a class like torch.optim.AdamW, got {optimizer!r:.80}")
+        closure = inspect.signature(optimizer.step).parameters.get("closure")
+        if closure is not None and closure.default is inspect.Parameter.empty:
+            raise TypeError(
+                f"TorchOptimizer: {optimizer.__name__} needs a closure, which fits cannot give; "
+                "for L-BFGS use kfit.optimizers.LBFGS"
+            )
+        if isinstance(lr, dict):
+            check_dict("TorchOptimizer: lr", lr, check_range, 0)  # 0 holds a variable
+        else:
+            check_positive("TorchOptimizer: lr", lr)
+        if schedule is not None and not isinstance(schedule, Schedule):
+            raise TypeError(f"TorchOptimizer: schedule must be a kfit.core.Schedule, got {type(schedule).__name__}")
+        check_count("TorchOptimizer: num_steps", num_steps)
+        self.optimizer, self.lr, self.schedule, self.num_steps = optimizer, lr, schedule, num_steps
+        self.options = dict(settings or {})
+
+    def init(self, raw: Variables, seeds: Tensor) -> Any:
+        if isinstance(self.lr, dict):
+            check_names("lr", self.lr, raw, complete=True)
+        self._check_independence(raw)
+        return {"count": torch.zeros_like(seeds), "state": {name: {} for name in raw}, "homes": {}}
+
+    def step(
+        self, evaluate: Evaluate, raw: Variables, problem: Tensor, memory: Any
+    ) -> tuple[Variables, Evaluation, Any]:
+        seen = evaluate(raw, problem, need="gradient")
+        assert seen.gradient is not None  # asked for one line above
+        step, memory = self._step(raw, seen.gradient, memory)
+        return evaluate.retract(raw, step), seen, memory
+
+    def _step(self, raw: Variables, gradient: Variables, memory: Any) -> tuple[Variables, Any]:
+        # All rows of a fit have taken as many steps.
+        taken = min(int(memory["count"][0]), self.num_steps) if len(memory["count"]) else 0
+        factor = 1.0 if self.schedule is None else self.schedule(taken, self.num_steps)
+        lr = self.lr if isinstance(self.lr, dict) else dict.fromkeys(raw, self.lr)
+        # Unbound, each row is a tensor of its own; of none, an optimizer would refuse to be built.
+        rows = {name: list(tensor.detach().clone().unbind()) for name, tensor in raw.items()}
+        if not len(memory["count"]):
+            return {name: torch.zeros_like(tensor) for name, tensor in raw.items()}, memory
+        groups = [{"params": rows[name], "lr": lr[name] * factor} for name in raw]
+        optimizer = self.optimizer(groups, **self.options)
+        for name in raw:
+            for number, (row, slope) in enumerate(zip(rows[name], gradient[name].unbind(), strict=True)):
+                row.grad = slope.to(row)
+                held, homes = memory["state"][name], memory["homes"]
+                if held:
+                    optimizer.state[row] = {k: _unpacked(v, homes[k], number) for k, v in held.items()}
+        before = _settings_of(optimizer)
+        optimizer.step()
+        if _settings_of(optimizer) != before:
+            raise TypeError(
+                f"TorchOptimizer: {self.optimizer.__name__} remembers something in its parameter groups, not in its "
+                "parameters' state, which no row could keep for itself"
+            )
+        states = {name: [optimizer.state[row] for row in rows[name]] for name in raw}
+        homes = {key: _home(value) for first in states.values() for key, value in first[0].items()}
+        state = {
+            name: {key: _packed([s[key] for s in held], raw[name]) for key in held[0]} for name, held in states.items()
+        }
+        moved = {name: torch.stack(rows[name]) - tensor for name, tensor in raw.items()}
+        return moved, {"count": memory["count"] + 1, "state": state, "homes": homes}
+
+    def _check_independence(self, raw: Variables) -> None:
+        """Refuse an optimizer by which two rows walk differently than one of them alone."""
+        rng = torch.Generator().manual_seed(0)
+        two = {name: torch.randn(2, *t.shape[1:], generator=rng, dtype=torch.float64) for name, t in raw.items()}
+        one = {name: tensor[:1] for name, tensor in two.items()}
+        ends = []
+        for place in (two, one):
+            rows = len(next(iter(place.values())))
+            memory = {"count": torch.zeros(rows), "state": {name: {} for name in place}, "homes": {}}
+            for _ in range(2):
+                slopes = {name: tensor - 1 for name, tensor in place.items()}
+                step, memory = self._step(place, slopes, memory)
+                place = {name: tensor + step[name] for name, tensor in place.items()}
+            ends.append({name: tensor[:1] for name, tensor in place.items()})
+        if any(not torch.allclose(ends[0][name], ends[1][name], rtol=1e-9) for name in raw):
+            raise ValueError(f"TorchOptimizer: {self.optimizer.__name__} mixes its parameters, and so would mix rows")
+
+
+def _settings_of(optimizer: torch.optim.Optimizer) -> list[dict[str, Any]]:
+    return [{k: v for k, v in group.items() if k != "params"} for group in optimizer.param_groups]
+
+
+def _home(value: Any) -> str:
+    """Where a remembered value lived: a tensor's device, or "int" or "float"."""
+    return str(value.device) if isinstance(value, Tensor) else type(value).__name__
+
+
+def _packed(values: list[Any], like: Tensor) -> Any:
+    """What rows remember under one name as one tensor that leads with rows; what is neither tensor nor number stays."""
+    if isinstance(values[0], Tensor):
+        return torch.stack(values).to(like.device)
+    if isinstance(values[0], int | float):
+        return torch.tensor(values, dtype=torch.float64).to(like.device)
+    return values[0]
+
+
+def _unpacked(packed: Any, home: str, row: int) -> Any:
+    """A row's own of `_packed`, as it was."""
+    if not isinstance(packed, Tensor):
+        return packed
+    own = packed[row].clone()
+    return int(own) if home == "int" else float(own) if home == "float" else own.to(home)

@@ -1,0 +1,121 @@
+"""One object in several photos, made ready to be fitted at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from kfit.core import Observation
+from kfit.core.check import check_shape
+from kfit.geometry import Crop, diagonal_at, viewing_ray
+from kfit.pose.observed_object import ObservedObject
+from kfit.segmentation import Photo, Segmenter, load_segmenter
+
+PhotoLike: TypeAlias = "str | Path | Photo | NDArray[Any]"
+Box: TypeAlias = tuple[float, float, float, float]
+
+
+def observed_views(
+    images: Sequence[PhotoLike],
+    category: str,
+    size: int,
+    masks: Any,
+    boxes: Any,
+    intrinsics: Any,
+    relative_poses: Any,
+    segmenter: str | Path | Segmenter | None,
+) -> tuple[ObservedObject, Observation]:
+    """Find the object in each photo; what was seen in the first, and one problem of all views.
+
+    Args:
+        images: V photos.
+        category: that a segmenter is to look for.
+        size: of the pictures in pixels.
+        masks, boxes, intrinsics: lists of V, or None; one (3, 3) serves all.
+        relative_poses: (V, 4, 4), from the first camera to each.
+        segmenter: as `kfit.pose.CategoryModel.pose` takes it.
+
+    Raises:
+        ValueError: for lists of other lengths, and poses that are no rigid motions or whose first is no identity.
+    """
+    count = len(images)
+    if count < 2:
+        raise ValueError(f"a list of photos must hold at least 2, got {count}")
+    if isinstance(segmenter, str | Path):
+        segmenter = load_segmenter(segmenter)
+    poses = _checked_poses(relative_poses, count)
+    shared = intrinsics is not None and torch.as_tensor(intrinsics).dim() == 2
+    cameras = [intrinsics] * count if shared or intrinsics is None else list(intrinsics)
+    lists = {"mask": masks, "box": boxes, "intrinsics": cameras}
+    for name, values in lists.items():
+        if values is not None and len(values) != count:
+            raise ValueError(f"{name} must hold one for each of the {count} photos, got {len(values)}")
+    found = [
+        ObservedObject.of(
+            image,
+            category,
+            size,
+            None if masks is None else masks[number],
+            None if boxes is None else boxes[number],
+            cameras[number],
+            segmenter=segmenter,
+        )
+        for number, image in enumerate(images)
+    ]
+    observation = Observation(
+        image=torch.cat([one.observation.image for one in found]),
+        mask=torch.cat([one.observation.field("mask") for one in found]),
+        intrinsics=torch.cat([one.observation.field("intrinsics") for one in found]),
+        trans_cam_ref=poses.float(),
+        views=count,
+    )
+    others = [f"photo {number + 1}: {note}" for number, one in enumerate(found) if number for note in one.notes]
+    return replace(found[0], notes=(*found[0].notes, *others)), observation
+
+
+def triangulated_diagonal(observation: Observation, unit_fraction: float, mean_diagonal: float) -> float:
+    """Box diagonal in metres of an object in several crops, by the rays through their middles and its size in them.
+
+    The rays' nearest common point is that of least squares, Σ_v (I − d_v d_vᵀ)(p − c_v) = 0. Where they are all but
+    parallel it says little, and the answer stays within a third and three times the mean.
+
+    Args:
+        observation: one problem of several views, with the crops' cameras.
+        unit_fraction: share of the crop's width that the bounding sphere's silhouette spans at scale 1.
+        mean_diagonal: of the category.
+    """
+    cameras, poses = observation.field("intrinsics").double(), observation.field("trans_cam_ref").double()
+    side = observation.image.shape[-1]
+    back = poses[:, :3, :3].mT
+    middle = torch.full((len(cameras), 2), (side - 1) / 2, dtype=torch.float64)
+    rays = viewing_ray(middle, cameras)
+    directions, centres = (back @ rays[..., None]), -back @ poses[:, :3, 3:]
+    across = torch.eye(3, dtype=torch.float64) - directions @ directions.mT
+    point = torch.linalg.lstsq(across.sum(0), (across @ centres).sum(0)).solution[:, 0]
+    crop = Crop(((side - 1) / 2, (side - 1) / 2), float(side), side)
+    centred, one = torch.zeros(1, 2).double(), torch.ones(1).double()
+    found = float(diagonal_at(point.norm()[None], centred, one, crop, cameras[0], unit_fraction))
+    kept: float = min(max(found, mean_diagonal / 3), 3 * mean_diagonal)
+    return kept
+
+
+def _checked_poses(poses: Any, count: int) -> Tensor:
+    if poses is None:
+        raise ValueError("several photos need relative_poses, (V, 4, 4), from the first camera to each")
+    given: Tensor = torch.as_tensor(poses, dtype=torch.float64)
+    check_shape("relative_poses", given, (count, 4, 4))
+    turns, eye = given[:, :3, :3], torch.eye(3, dtype=torch.float64)
+    rigid = bool(((turns @ turns.mT - eye).abs() < 1e-3).all()) and bool((torch.linalg.det(turns) > 0).all())
+    if not rigid or not bool((given[:, 3] == given.new_tensor([0.0, 0.0, 0.0, 1.0])).all()):
+        raise ValueError(
+            "relative_poses must be rigid motions: a rotation, a translation, and a last row of 0, 0, 0, 1"
+        )
+    if not torch.allclose(given[0], torch.eye(4, dtype=torch.float64), atol=1e-6):
+        raise ValueError("relative_poses must begin with the identity, the first camera's own")
+    return given

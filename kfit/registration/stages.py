@@ -1,0 +1,105 @@
+"""From level to level of a registration: which motion each fits, and where it starts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from kfit.core import FitResult, Initializer, Variables
+from kfit.generators import Template
+from kfit.generators.motions import BENDING, Motion, pixel_grid, values_of
+from kfit.initializers import Constant, Previous
+from kfit.registration.pair import Pair
+from kfit.registration.starts import GivenStarts, candidate_matrices, random_motions
+
+NUM_RANDOM, NUM_STARTS = 61, 16
+
+
+@dataclass(frozen=True)
+class Stage:
+    """Where the fits stand: the motion, its template and result, or the first starts; and matrices to try."""
+
+    motion: Motion
+    template: Template
+    result: FitResult | None
+    candidates: Tensor
+    starts: tuple[Initializer, ...] = ()
+    num_candidates: int = 1
+    num_starts: int = 1
+
+
+def motions_of(motion: Motion, count: int) -> list[Motion]:
+    """The motion of each level: the coarsest a similarity at most, then, for those that bend, one affine."""
+    simple: Motion = motion if motion in ("translation", "euclidean") else "similarity"
+    ladder: list[Motion] = [simple, "affine"] if motion in BENDING else [simple]
+    ladder = ladder[: max(0, count - 1)]
+    return [*ladder, *[motion] * (count - len(ladder))]
+
+
+def first_stage(pair: Pair, template: Template, kind: Motion, initial: Tensor | None, seed: int) -> Stage:
+    """Starts at the coarsest level."""
+    masks = (pair.moving_mask, pair.fixed_mask)
+    matrices = (
+        candidate_matrices(pair.moving, pair.fixed, masks) if initial is None else initial[:, None].to(pair.fixed)
+    )
+    values = _start_values(kind, template, matrices, pair.size)
+    if initial is None:
+        random = random_motions({name: value[:, 0] for name, value in values.items()}, NUM_RANDOM, seed)
+        values = {name: torch.cat([value, random[name]], 1) for name, value in values.items()}
+    count = next(iter(values.values())).shape[1]
+    starts = (GivenStarts(values), *_light_starts(template, None))
+    return Stage(kind, template, None, matrices, starts, count, min(NUM_STARTS, count))
+
+
+def next_stage(state: Stage, template: Template, kind: Motion, pair: Pair) -> Stage:
+    """Starts at the next level: the last one's answer and, where the motion becomes freer, the first candidates."""
+    result = state.result
+    assert result is not None  # the first level has been fitted
+    light = _light_starts(template, result)
+    moving = {name: result.values[name] for name in state.template.moving}
+    if kind == state.motion and kind not in BENDING:
+        starts: Initializer = GivenStarts({name: value[:, None] for name, value in moving.items()})
+        return Stage(kind, template, None, state.candidates, (starts, *light))
+    if state.motion in BENDING:  # more control points
+        field = F.interpolate(moving["displacement"], template.control, mode="bicubic", align_corners=True)
+        return Stage(kind, template, None, state.candidates, (GivenStarts({"displacement": field[:, None]}), *light))
+    size = state.template.size
+    to_full = _scaling(size, pair.size, state.candidates)
+    found = to_full @ state.template.matrix(**moving) @ torch.linalg.inv(to_full)
+    matrices = torch.cat([found[:, None], state.candidates], 1)
+    starts = GivenStarts(_start_values(kind, template, matrices, pair.size))
+    return Stage(kind, template, None, state.candidates, (starts, *light), matrices.shape[1], min(2, matrices.shape[1]))
+
+
+def _start_values(kind: Motion, template: Template, matrices: Tensor, size: tuple[int, int]) -> Variables:
+    """Values (B, S, \\*shape) of a motion for maps of pixels (B, S, 3, 3) at the whole size."""
+    flat = matrices.flatten(0, 1)
+    if kind in BENDING:
+        # A displacement reads the other way: where in the moving picture a control point lies, less where it is.
+        rows, columns = template.control
+        points = pixel_grid(flat, (rows, columns)) * flat.new_tensor([size[1] - 1, size[0] - 1])
+        points = (points / flat.new_tensor([columns - 1, rows - 1])).view(1, -1, 2)
+        inverse = torch.linalg.inv(flat)
+        read = points @ inverse[:, :2, :2].mT + inverse[:, None, :2, 2]
+        away = (read - points) / flat.new_tensor([size[1] / 2, size[0] / 2])
+        values = {"displacement": away.mT.reshape(-1, 2, rows, columns)}
+    else:
+        values = values_of(kind, flat, size)
+    return {name: value.unflatten(0, matrices.shape[:2]) for name, value in values.items()}
+
+
+def _light_starts(template: Template, before: FitResult | None) -> list[Initializer]:
+    if "gain" not in template.variables:
+        return []
+    if before is None:
+        return [Constant({"gain": 1.0, "bias": 0.0})]
+    return [Previous(before, on=["gain", "bias"])]
+
+
+def _scaling(small: tuple[int, int], large: tuple[int, int], like: Tensor) -> Tensor:
+    """The map of pixels (3, 3) from a picture to the same one at another size."""
+    x, y = large[1] / small[1], large[0] / small[0]
+    return like.new_tensor([[x, 0, (x - 1) / 2], [0, y, (y - 1) / 2], [0, 0, 1]])

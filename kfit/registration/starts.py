@@ -1,0 +1,91 @@
+"""Where a registration may begin: nothing moved, phase correlation, matched features, and random motions."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import torch
+from torch import Tensor
+
+from kfit.core import Initializer, Observation, Variable, Variables
+
+
+class GivenStarts(Initializer):
+    """Starts each problem at values of its own.
+
+    Args:
+        values: (B, S, \\*shape) of each variable.
+    """
+
+    def __init__(self, values: Variables) -> None:
+        self.values, self.on = values, tuple(values)
+
+    def __call__(
+        self,
+        variables: Mapping[str, Variable],
+        observation: Observation,
+        num_starts: int,
+        rngs: Sequence[torch.Generator],
+    ) -> Variables:
+        return {name: value.flatten(0, 1) for name, value in self.values.items()}
+
+
+def candidate_matrices(moving: Tensor, fixed: Tensor, masks: tuple[Tensor, Tensor]) -> Tensor:
+    """Maps of pixels (B, 3, 3, 3) from moving to fixed pictures: the identity, phase correlation, matched features."""
+    found = []
+    for number in range(len(moving)):
+        grey = [picture[number].mean(0).double().cpu() for picture in (moving, fixed)]
+        known = [mask[number, 0].cpu() > 0.5 for mask in masks]
+        found.append(torch.stack([torch.eye(3).double(), phase_correlation(*grey), matched_features(*grey, *known)]))
+    return torch.stack(found).to(moving)
+
+
+def phase_correlation(moving: Tensor, fixed: Tensor) -> Tensor:
+    """The shift (3, 3) at the peak of the pictures' phase correlation (Kuglin and Hines, 1975), by scikit-image."""
+    from skimage.registration import phase_cross_correlation
+
+    window = torch.outer(*(torch.hann_window(side, periodic=False, dtype=torch.float64) for side in moving.shape))
+    plain = [((picture - picture.mean()) * window).numpy() for picture in (fixed, moving)]
+    matrix = torch.eye(3, dtype=torch.float64)
+    if min(picture.std() for picture in plain) > 0:
+        rows, columns = phase_cross_correlation(*plain)[0]
+        matrix[0, 2], matrix[1, 2] = float(columns), float(rows)
+    return matrix
+
+
+def matched_features(moving: Tensor, fixed: Tensor, moving_known: Tensor, fixed_known: Tensor) -> Tensor:
+    """The homography (3, 3) of matched SIFT features, by OpenCV; the identity where too few agree."""
+    import cv2
+    import numpy as np
+
+    detector, sides = cv2.SIFT_create(2000), []  # type: ignore[attr-defined]
+    for grey, known in ((moving, moving_known), (fixed, fixed_known)):
+        low, high = (float(end) for end in (grey.min(), grey.max()))
+        pixels = ((grey - low) / max(high - low, 1e-6) * 255).round().byte().numpy()
+        sides.append(detector.detectAndCompute(pixels, known.byte().numpy()))
+    (there, first), (here, second) = sides
+    if min(len(there), len(here)) < 4:
+        return torch.eye(3, dtype=torch.float64)
+    pairs = cv2.BFMatcher().knnMatch(first, second, k=2)
+    # Lowe's ratio, 2004, section 7.1.
+    good = [pair[0] for pair in pairs if len(pair) == 2 and pair[0].distance < 0.8 * pair[1].distance]
+    if len(good) < 8:
+        return torch.eye(3, dtype=torch.float64)
+    chosen = ((there, [match.queryIdx for match in good]), (here, [match.trainIdx for match in good]))
+    ends = [np.array([side[index].pt for index in at], np.float32) for side, at in chosen]
+    matrix, agree = cv2.findHomography(ends[0], ends[1], cv2.USAC_MAGSAC, 2.0)
+    if matrix is None or agree.sum() < 8 or not np.isfinite(matrix).all() or np.linalg.det(matrix[:2, :2]) <= 0:
+        return torch.eye(3, dtype=torch.float64)
+    return torch.from_numpy(matrix)
+
+
+def random_motions(values: Variables, count: int, seed: int) -> Variables:
+    """Motions (B, count, \\*shape) near none: turns up to 30°, shifts up to 0.3 half-widths, scales up to 15 %."""
+    rng = torch.Generator().manual_seed(seed)
+    reach = {"roll": math.radians(30), "shift": 0.3, "scale": 0.15}
+    found = {}
+    for name, value in values.items():
+        spread = (2 * torch.rand(len(value), count, *value.shape[1:], generator=rng) - 1).to(value) * reach.get(name, 0)
+        found[name] = spread.exp() if name in ("scale", "stretch") else spread
+    return found
