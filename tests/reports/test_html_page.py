@@ -129,6 +129,7 @@ def test_report_writes_the_page_and_tells_where(tmp_path: Path) -> None:
     assert [path.name for path in place.parent.iterdir()] == ["out.html"]
 
 
+@pytest.mark.slow
 def test_an_answer_from_a_fit_of_several_objects_has_a_page_of_its_own() -> None:
     alone = fitted_mug()
     model, found = kfit.load("mug"), fitted_mug().observation
