@@ -62,7 +62,8 @@ def crop(scene: Scene, rng: np.random.Generator) -> Tensor:
     """The square (3, 224, 224) around a box that is not quite exact, with a margin between 8 and 25 % a side."""
     sides = scene.box[2:] - scene.box[:2]
     box = scene.box + rng.normal(0, 0.05, 4) * np.tile(sides, 2)
-    return object_square(scene.image / np.float32(255), box, rng.uniform(0.08, 0.25))
+    image = scene.image.astype(np.float32) / np.float32(255)
+    return object_square(image, box, rng.uniform(0.08, 0.25))
 
 
 def solve(features: Tensor, prior: Tensor, targets: Tensor, penalty: float) -> tuple[Tensor, Tensor, Tensor]:
