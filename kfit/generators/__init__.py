@@ -15,6 +15,7 @@ from kfit.generators.similarity_warp import SimilarityWarp, fixed_camera
 from kfit.generators.template import Template
 from kfit.generators.vae2d import VAE2D
 from kfit.generators.vae3d import VAE3D
+from kfit.generators.volume_template import VolumeTemplate
 
 __all__ = [
     "VAE2D",
@@ -32,5 +33,6 @@ __all__ = [
     "RotationHead",
     "SimilarityWarp",
     "Template",
+    "VolumeTemplate",
     "fixed_camera",
 ]

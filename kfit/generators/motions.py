@@ -87,10 +87,10 @@ def outer_corners(like: Tensor, size: tuple[int, int]) -> Tensor:
     return like.new_tensor([[-0.5, -0.5], [right, -0.5], [right, bottom], [-0.5, bottom]])
 
 
-def pixel_grid(like: Tensor, size: tuple[int, int]) -> Tensor:
-    """Coordinates (x, y) of all pixels, (H, W, 2)."""
-    rows, columns = (torch.arange(side, dtype=like.dtype, device=like.device) for side in size)
-    return torch.stack(torch.meshgrid(columns, rows, indexing="xy"), -1)
+def pixel_grid(like: Tensor, size: tuple[int, ...]) -> Tensor:
+    """Coordinates (x, y) of all pixels, (H, W, 2), or (x, y, z) of all voxels, (D, H, W, 3)."""
+    sides = [torch.arange(side, dtype=like.dtype, device=like.device) for side in size]
+    return torch.stack(torch.meshgrid(*sides, indexing="ij")[::-1], -1)
 
 
 def read_through_matrix(matrix: Tensor, size: tuple[int, int]) -> Tensor:

@@ -1,4 +1,4 @@
-"""Registration of pictures in one call: coarse to fine, from several starts."""
+"""Registration of pictures and volumes in one call: coarse to fine, from several starts."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ from kfit.core import Energy, FitResult, Observation, Optimizer, Prior, Residual
 from kfit.core.check import check_choice, check_count, check_range, check_shape
 from kfit.energies import L2, BendingEnergy
 from kfit.fitting.pipeline import FitPipeline
-from kfit.generators import Template
+from kfit.generators import Template, VolumeTemplate
 from kfit.generators.motions import BENDING, MOTIONS, Motion, pixel_grid
+from kfit.generators.volume_motions import VOLUME_MOTIONS
 from kfit.optimizers import LBFGS, LevenbergMarquardt
 from kfit.registration.pair import Pair, checked_pair, pyramid_levels
 from kfit.registration.result import Registration
@@ -36,25 +37,29 @@ def register(
     initial: Tensor | None = None,
     seed: int = 0,
 ) -> Registration:
-    """Find the motion that takes moving pictures onto fixed ones.
+    """Find the motion that takes moving pictures or volumes onto fixed ones.
 
-    Fits a `kfit.generators.Template` from coarse to fine. At the coarsest level, the likeliest of 64 starts are
-    tracked: no motion, phase correlation, matched SIFT features, and random motions up to 30°, 0.3 half-widths and
-    15 %. Motions of more freedom begin at the simpler ones' answers. Energies that are sums of squares are
-    descended by Levenberg–Marquardt, others by L-BFGS. Only what both pictures cover counts.
+    Fits a `kfit.generators.Template`, or of volumes a `kfit.generators.VolumeTemplate`, from coarse to fine. At the
+    coarsest level, the likeliest of 64 starts are tracked: no motion, phase correlation, of pictures matched SIFT
+    features, and random motions up to 30°, 0.3 half-widths and 15 %. Motions of more freedom begin at the simpler
+    ones' answers. Energies that are sums of squares are descended by Levenberg–Marquardt, others by L-BFGS. Only what
+    both cover counts.
 
     Args:
-        moving, fixed: (B, C, H, W) in [0, 1], B pairs, or (C, H, W); the two may differ in height and width.
-        motion: "translation", "euclidean", "similarity", "affine", "homography", "tps" (thin-plate spline) or "flow".
+        moving, fixed: (B, C, H, W) in [0, 1], B pairs, or (C, H, W), or volumes (B, C, D, H, W) of cubic voxels; the
+            two may differ in depth, height and width.
+        motion: "translation", "euclidean", "similarity", "affine", "homography", "tps" (thin-plate spline) or "flow";
+            of volumes one of the first four.
         energy: compares warped and fixed pictures; mean squares unless given. `kfit.energies.NCC` or
             `kfit.energies.MutualInformation` serve pictures of other light or of other sensors.
-        moving_mask, fixed_mask: (B, 1, H, W) in [0, 1], 0 where a pixel does not count.
+        moving_mask, fixed_mask: (B, 1, H, W) or (B, 1, D, H, W) in [0, 1], 0 where a pixel does not count.
         light: also fit a gain and an offset of the moving picture's brightness.
         control: (rows, columns) of the control points of tps and flow; at the coarsest level no more than it has
             pixels.
         smoothness: weight of the bending energy of a flow, in half-widths squared.
         min_overlap: least share of the fixed picture's weight that the moving one must cover.
-        initial: (B, 3, 3), maps of pixels from moving to fixed near which to start, instead of the 64 starts.
+        initial: (B, 3, 3), of volumes (B, 4, 4), maps of pixels from moving to fixed near which to start, instead of
+            the 64 starts.
         seed: decides the random motions.
 
     Raises:
@@ -67,17 +72,30 @@ def register(
         >>> found = kfit.register(moving, moving.roll(3, -1), "translation")
         >>> [round(shift) for shift in found.matrix[0, :2, 2].tolist()]
         [3, 0]
+
+        Volumes:
+
+        >>> moving = torch.rand(1, 1, 4, 4, 4, generator=torch.Generator().manual_seed(0))
+        >>> moving = torch.nn.functional.interpolate(moving, (16, 16, 16), mode="trilinear")
+        >>> found = kfit.register(moving, moving.roll((2, -1), (2, 4)), "translation")
+        >>> [round(shift) for shift in found.matrix[0, :3, 3].tolist()]  # x, y, z
+        [-1, 0, 2]
     """
     pair = checked_pair(moving, fixed, moving_mask, fixed_mask)
     check_choice("motion", motion, MOTIONS)
+    volumes = len(pair.size) == 3
+    if volumes:
+        check_choice("motion of volumes", motion, VOLUME_MOTIONS)
     check_choice("light", light, (False, True))
     check_range("smoothness", smoothness, 0)
     check_range("min_overlap", min_overlap, 0, 1)
     check_count("seed", seed, 0)
     if energy is not None and not isinstance(energy, Energy):
         raise TypeError(f"energy must be a kfit.core.Energy, got {type(energy).__name__}")
+    if volumes and energy is not None and not energy.volumes:
+        raise ValueError(f"energy must compare volumes, which {type(energy).__name__} does not; kfit.energies.L2 does")
     if initial is not None:
-        check_shape("initial", initial, (len(pair.moving), 3, 3))
+        check_shape("initial", initial, (len(pair.moving), *[len(pair.size) + 1] * 2))
     settings = _Settings(energy or L2(), light, control, smoothness, min_overlap)
     levels = pyramid_levels(pair.size)
     motions = motions_of(motion, len(levels))
@@ -105,8 +123,10 @@ class _Settings:
     smoothness: float
     min_overlap: float
 
-    def template(self, level: Pair, kind: Motion) -> Template:
+    def template(self, level: Pair, kind: Motion) -> Template | VolumeTemplate:
         """Draws the moving pictures of a level; fewer pixels than 256 a side are read from a finer grid."""
+        if len(level.size) == 3:
+            return VolumeTemplate(level.moving, kind, mask=level.moving_mask, light=self.light)  # type: ignore[arg-type]
         control = (min(self.control[0], level.size[0]), min(self.control[1], level.size[1]))
         oversampling = 4 if max(level.size) <= 256 else 2 if max(level.size) <= 1024 else 1
         return Template(
@@ -118,11 +138,11 @@ class _Settings:
 
 
 def _fit(
-    template: Template, level: Pair, settings: _Settings, state: Stage, freeze_overlap: bool, seed: int
+    template: Template | VolumeTemplate, level: Pair, settings: _Settings, state: Stage, freeze_overlap: bool, seed: int
 ) -> FitResult:
     terms: dict[str, Energy | Prior] = {"energy": settings.energy}
     weights: dict[str, float | Schedule] = {}
-    if template.motion == "flow" and min(template.control) >= 3:
+    if isinstance(template, Template) and template.motion == "flow" and min(template.control) >= 3:
         terms["bending"], weights["bending"] = BendingEnergy("displacement"), settings.smoothness
     weight = level.fixed_mask
     if freeze_overlap and state.num_candidates == 1:
@@ -145,17 +165,18 @@ def _fit(
     return result
 
 
-def _covered(template: Template, state: Stage) -> Tensor:
+def _covered(template: Template | VolumeTemplate, state: Stage) -> Tensor:
     """1 where the start covers the whole of a pixel: an overlap that changed at last would shrink, for less noise."""
     first = state.starts[0]
     assert isinstance(first, GivenStarts)
+    pixels = template.pixels if isinstance(template, Template) else template.voxels
     values = {name: value[:, 0] for name, value in first.values.items()}
     with torch.no_grad():
         if "gain" in template.variables:
-            ones = torch.ones(len(next(iter(values.values())))).to(template.pixels)
+            ones = torch.ones(len(next(iter(values.values())))).to(pixels)
             values |= {"gain": ones, "bias": 0 * ones}
-        if len(template.pixels) > 1:
-            values["template"] = torch.arange(len(template.pixels), device=template.pixels.device)
+        if len(pixels) > 1:
+            values["template"] = torch.arange(len(pixels), device=pixels.device)
         covered: Tensor = template(**values).field("weight")
     return (covered > 0.999).to(covered)
 
@@ -174,7 +195,7 @@ def _answer(pair: Pair, motion: Motion, fits: tuple[FitResult, ...], settings: _
     ones = torch.ones(len(pair.moving)).to(pair.fixed)
     both, all_of = drawn.weight * pair.fixed_mask, pair.fixed_mask
     return Registration(
-        matrix=None if matrix is None else matrix / matrix[:, 2:, 2:],
+        matrix=None if matrix is None else matrix / matrix[:, -1:, -1:],
         displacement=(places - pixel_grid(places, pair.size)).movedim(-1, 1),
         warped=drawn.image,
         weight=drawn.weight,

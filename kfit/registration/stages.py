@@ -9,11 +9,12 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from kfit.core import FitResult, Initializer, Variables
-from kfit.generators import Template
+from kfit.generators import Template, VolumeTemplate
 from kfit.generators.motions import BENDING, Motion, pixel_grid, values_of
+from kfit.generators.volume_motions import volume_values_of
 from kfit.initializers import Constant, Previous
 from kfit.registration.pair import Pair
-from kfit.registration.starts import GivenStarts, candidate_matrices, random_motions
+from kfit.registration.starts import GivenStarts, candidate_matrices, random_motions, random_volume_matrices
 
 NUM_RANDOM, NUM_STARTS = 61, 16
 
@@ -23,7 +24,7 @@ class Stage:
     """Where the fits stand: the motion, its template and result, or the first starts; and matrices to try."""
 
     motion: Motion
-    template: Template
+    template: Template | VolumeTemplate
     result: FitResult | None
     candidates: Tensor
     starts: tuple[Initializer, ...] = ()
@@ -39,14 +40,20 @@ def motions_of(motion: Motion, count: int) -> list[Motion]:
     return [*ladder, *[motion] * (count - len(ladder))]
 
 
-def first_stage(pair: Pair, template: Template, kind: Motion, initial: Tensor | None, seed: int) -> Stage:
+def first_stage(
+    pair: Pair, template: Template | VolumeTemplate, kind: Motion, initial: Tensor | None, seed: int
+) -> Stage:
     """Starts at the coarsest level."""
     masks = (pair.moving_mask, pair.fixed_mask)
     matrices = (
         candidate_matrices(pair.moving, pair.fixed, masks) if initial is None else initial[:, None].to(pair.fixed)
     )
-    values = _start_values(kind, template, matrices, pair.size)
-    if initial is None:
+    first = matrices
+    if initial is None and isinstance(template, VolumeTemplate):
+        random_ones = random_volume_matrices(NUM_RANDOM, pair.size, seed).to(matrices)
+        first = torch.cat([matrices, random_ones.expand(len(matrices), -1, -1, -1)], 1)
+    values = _start_values(kind, template, first, pair.size)
+    if initial is None and isinstance(template, Template):
         random = random_motions({name: value[:, 0] for name, value in values.items()}, NUM_RANDOM, seed)
         values = {name: torch.cat([value, random[name]], 1) for name, value in values.items()}
     count = next(iter(values.values())).shape[1]
@@ -54,7 +61,7 @@ def first_stage(pair: Pair, template: Template, kind: Motion, initial: Tensor | 
     return Stage(kind, template, None, matrices, starts, count, min(NUM_STARTS, count))
 
 
-def next_stage(state: Stage, template: Template, kind: Motion, pair: Pair) -> Stage:
+def next_stage(state: Stage, template: Template | VolumeTemplate, kind: Motion, pair: Pair) -> Stage:
     """Starts at the next level: the last one's answer and, where the motion becomes freer, the first candidates."""
     result = state.result
     assert result is not None  # the first level has been fitted
@@ -63,7 +70,7 @@ def next_stage(state: Stage, template: Template, kind: Motion, pair: Pair) -> St
     if kind == state.motion and kind not in BENDING:
         starts: Initializer = GivenStarts({name: value[:, None] for name, value in moving.items()})
         return Stage(kind, template, None, state.candidates, (starts, *light))
-    if state.motion in BENDING:  # more control points
+    if state.motion in BENDING and isinstance(template, Template):  # more control points
         field = F.interpolate(moving["displacement"], template.control, mode="bicubic", align_corners=True)
         return Stage(kind, template, None, state.candidates, (GivenStarts({"displacement": field[:, None]}), *light))
     size = state.template.size
@@ -74,10 +81,14 @@ def next_stage(state: Stage, template: Template, kind: Motion, pair: Pair) -> St
     return Stage(kind, template, None, state.candidates, (starts, *light), matrices.shape[1], min(2, matrices.shape[1]))
 
 
-def _start_values(kind: Motion, template: Template, matrices: Tensor, size: tuple[int, int]) -> Variables:
-    """Values (B, S, \\*shape) of a motion for maps of pixels (B, S, 3, 3) at the whole size."""
+def _start_values(
+    kind: Motion, template: Template | VolumeTemplate, matrices: Tensor, size: tuple[int, ...]
+) -> Variables:
+    """Values (B, S, \\*shape) of a motion for maps of pixels (B, S, 3, 3), or (B, S, 4, 4), at the whole size."""
     flat = matrices.flatten(0, 1)
-    if kind in BENDING:
+    if isinstance(template, VolumeTemplate):
+        values = volume_values_of(kind, flat, size)
+    elif kind in BENDING:
         # A displacement reads the other way: where in the moving picture a control point lies, less where it is.
         rows, columns = template.control
         points = pixel_grid(flat, (rows, columns)) * flat.new_tensor([size[1] - 1, size[0] - 1])
@@ -87,11 +98,11 @@ def _start_values(kind: Motion, template: Template, matrices: Tensor, size: tupl
         away = (read - points) / flat.new_tensor([size[1] / 2, size[0] / 2])
         values = {"displacement": away.mT.reshape(-1, 2, rows, columns)}
     else:
-        values = values_of(kind, flat, size)
+        values = values_of(kind, flat, (size[0], size[1]))
     return {name: value.unflatten(0, matrices.shape[:2]) for name, value in values.items()}
 
 
-def _light_starts(template: Template, before: FitResult | None) -> list[Initializer]:
+def _light_starts(template: Template | VolumeTemplate, before: FitResult | None) -> list[Initializer]:
     if "gain" not in template.variables:
         return []
     if before is None:
@@ -99,7 +110,9 @@ def _light_starts(template: Template, before: FitResult | None) -> list[Initiali
     return [Previous(before, on=["gain", "bias"])]
 
 
-def _scaling(small: tuple[int, int], large: tuple[int, int], like: Tensor) -> Tensor:
-    """The map of pixels (3, 3) from a picture to the same one at another size."""
-    x, y = large[1] / small[1], large[0] / small[0]
-    return like.new_tensor([[x, 0, (x - 1) / 2], [0, y, (y - 1) / 2], [0, 0, 1]])
+def _scaling(small: tuple[int, ...], large: tuple[int, ...], like: Tensor) -> Tensor:
+    """The map of pixels (3, 3), or of voxels (4, 4), from a picture to the same one at another size."""
+    times = like.new_tensor([to / side for to, side in zip(large[::-1], small[::-1], strict=True)])
+    matrix = torch.cat([times, times.new_ones(1)]).diag()
+    matrix[:-1, -1] = (times - 1) / 2
+    return matrix

@@ -8,7 +8,8 @@ from collections.abc import Mapping, Sequence
 import torch
 from torch import Tensor
 
-from kfit.core import Initializer, Observation, Variable, Variables
+from kfit.core import SO3, Initializer, Observation, Variable, Variables
+from kfit.generators.volume_motions import volume_matrix_of
 
 
 class GivenStarts(Initializer):
@@ -32,25 +33,38 @@ class GivenStarts(Initializer):
 
 
 def candidate_matrices(moving: Tensor, fixed: Tensor, masks: tuple[Tensor, Tensor]) -> Tensor:
-    """Maps of pixels (B, 3, 3, 3) from moving to fixed pictures: the identity, phase correlation, matched features."""
+    """Maps of pixels from moving to fixed pictures: the identity, phase correlation, matched features.
+
+    Returns:
+        (B, 3, 3, 3); of volumes, which have no such features, (B, 2, 4, 4).
+    """
     found = []
     for number in range(len(moving)):
         grey = [picture[number].mean(0).double().cpu() for picture in (moving, fixed)]
         known = [mask[number, 0].cpu() > 0.5 for mask in masks]
-        found.append(torch.stack([torch.eye(3).double(), phase_correlation(*grey), matched_features(*grey, *known)]))
+        matrices = [torch.eye(grey[0].dim() + 1).double(), phase_correlation(*grey)]
+        found.append(torch.stack(matrices if moving.dim() == 5 else [*matrices, matched_features(*grey, *known)]))
     return torch.stack(found).to(moving)
 
 
 def phase_correlation(moving: Tensor, fixed: Tensor) -> Tensor:
-    """The shift (3, 3) at the peak of the pictures' phase correlation (Kuglin and Hines, 1975), by scikit-image."""
+    """The shift at the peak of the pictures' phase correlation (Kuglin and Hines, 1975), by scikit-image.
+
+    Args:
+        moving, fixed: (H, W) or (D, H, W).
+
+    Returns:
+        (3, 3) or (4, 4).
+    """
     from skimage.registration import phase_cross_correlation
 
-    window = torch.outer(*(torch.hann_window(side, periodic=False, dtype=torch.float64) for side in moving.shape))
+    axes = [torch.hann_window(side, periodic=False, dtype=torch.float64) for side in moving.shape]
+    window = torch.stack(torch.meshgrid(*axes, indexing="ij")).prod(0)
     plain = [((picture - picture.mean()) * window).numpy() for picture in (fixed, moving)]
-    matrix = torch.eye(3, dtype=torch.float64)
+    matrix = torch.eye(moving.dim() + 1, dtype=torch.float64)
     if min(picture.std() for picture in plain) > 0:
-        rows, columns = phase_cross_correlation(*plain)[0]
-        matrix[0, 2], matrix[1, 2] = float(columns), float(rows)
+        shift = phase_cross_correlation(*plain)[0]
+        matrix[:-1, -1] = torch.as_tensor(shift[::-1].copy())
     return matrix
 
 
@@ -89,3 +103,12 @@ def random_motions(values: Variables, count: int, seed: int) -> Variables:
         spread = (2 * torch.rand(len(value), count, *value.shape[1:], generator=rng) - 1).to(value) * reach.get(name, 0)
         found[name] = spread.exp() if name in ("scale", "stretch") else spread
     return found
+
+
+def random_volume_matrices(count: int, size: tuple[int, ...], seed: int) -> Tensor:
+    """Maps of voxels (count, 4, 4) near none: turns up to 30°, shifts up to 0.3 half-sides, scales up to 15 %."""
+    rng = torch.Generator().manual_seed(seed)
+    axis = torch.nn.functional.normalize(torch.randn(count, 3, generator=rng), dim=1)
+    turn, scale = (reach * (2 * torch.rand(count, 1, generator=rng) - 1) for reach in (30 / 180, 0.15))
+    shift = 0.3 * (2 * torch.rand(count, 3, generator=rng) - 1)
+    return volume_matrix_of({"rotation": SO3().to_value(turn * axis), "scale": scale[:, 0].exp(), "shift": shift}, size)

@@ -22,6 +22,7 @@ from kfit.generators import (
     RadianceField,
     SimilarityWarp,
     Template,
+    VolumeTemplate,
 )
 
 
@@ -81,6 +82,8 @@ BUILD = {
 WITHOUT_GRADIENTS = {OnnxGenerator}
 # Draws by what it prepared for an observation: tests/pose/test_views.py
 WITH_CONTEXT = {MultiView}
+# Draws volumes: tests/generators/test_volume_template.py
+OF_VOLUMES = {VolumeTemplate}
 IN_DEPTH_ALONE = {"distance"}  # variables that neither colour nor mask show
 SMALL = {"rotation": 0.03, "translation": 0.1, "roll": 0.2, "shift": 0.1, "scale": 0.1, "corners": 0.1}
 
@@ -114,7 +117,7 @@ def subsets(names):
 
 def test_every_shipped_generator_is_covered_here_and_exported():
     found = shipped(kfit.generators, Generator)
-    assert found == set(BUILD) | WITHOUT_GRADIENTS | WITH_CONTEXT
+    assert found == set(BUILD) | WITHOUT_GRADIENTS | WITH_CONTEXT | OF_VOLUMES
     assert {kind.__name__ for kind in found | shipped(kfit.generators, Encoder)} <= set(kfit.generators.__all__)
 
 
