@@ -13,7 +13,7 @@ from kfit.core.check import check_float, check_shape
 
 # The shortest side of the coarsest picture and of the coarsest volume, in pixels; few enough that many starts cost
 # little.
-LEAST_SIDE, LEAST_VOLUME_SIDE = 24, 16
+LEAST_SIDE, LEAST_VOLUME_SIDE = 24, 12
 
 
 @dataclass(frozen=True)

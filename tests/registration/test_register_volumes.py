@@ -9,7 +9,7 @@ from kornia.geometry.transform import get_affine_matrix3d, warp_affine3d
 import kfit
 from kfit.energies import MSSSIM, NCC
 
-SIZE = (26, 32, 36)
+SIZE = (24, 26, 28)
 
 
 def volume(seed=0):
