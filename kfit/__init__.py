@@ -27,6 +27,7 @@ if TYPE_CHECKING:
         Variable,
     )
     from kfit.fitting.pipeline import FitPipeline
+    from kfit.models.find_poses import find_poses
     from kfit.models.load import load
     from kfit.registration import register
     from kfit.reports.html_page import report
@@ -52,6 +53,7 @@ __all__ = [
     "Selector",
     "Variable",
     "__version__",
+    "find_poses",
     "load",
     "register",
     "report",
@@ -60,6 +62,7 @@ __all__ = [
 # Imported when first asked for: `import kfit` costs nothing, and no part is loaded that is not used.
 _HOMES = {name: "kfit.core" for name in __all__ if name[0].isupper()} | {
     "FitPipeline": "kfit.fitting.pipeline",
+    "find_poses": "kfit.models",
     "load": "kfit.models",
     "register": "kfit.registration",
     "report": "kfit.reports.html_page",

@@ -14,7 +14,7 @@ import gradio as gr
 from kfit.app import views
 from kfit.app.line import MOST, Line
 from kfit.app.session import Session, Sessions
-from kfit.app.uploads import ENDINGS
+from kfit.app.uploads import ENDINGS, LARGEST_FILE, NAMES
 from kfit.app.watched import Drawn
 from kfit.models.load import bundled
 
@@ -22,6 +22,7 @@ HERE = Path(__file__).parent
 HEAD = """<div class="kfit-head"><h1>kfit: fit a picture</h1><p>Finds where an object is and how it is turned, from one
 photo: its drawing is moved until it explains what is seen. Everything stays on this machine.</p></div>"""
 DRAW = "<b>Drag a box around the object</b>, close to its edges. Or tap two opposite corners."
+FOUND = "Bright is what was found. <b>Press Fit</b>, choose another below, or drag a box around it."
 MASKED = "Bright is what will be fitted. <b>Choose what it is, and press Fit</b>; not right? Drag another box."
 NOTHING = "<b>Drag another box around the object</b>, close to its edges. Or tap two opposite corners."
 THANKS = "The cup's mask is drawn by hand. <b>Press Fit</b>, or drag a box of your own."
@@ -33,7 +34,7 @@ def page(sessions: Sessions) -> gr.Blocks:
         gr.HTML(HEAD, elem_classes=["kfit-plain"])
         with gr.Row():
             with gr.Column(min_width=320):
-                drop = gr.File(label="Photo: JPEG, PNG or WebP, at most 20 MB", file_types=ENDINGS, height=190)
+                drop = gr.File(label=f"Photo: {NAMES}, at most {LARGEST_FILE >> 20} MB", file_types=ENDINGS, height=190)
                 example = gr.Button("Take the example: a cup of coffee")
                 surface = gr.HTML(
                     html_template=(HERE / "box.html").read_text(encoding="utf-8"),
@@ -41,6 +42,7 @@ def page(sessions: Sessions) -> gr.Blocks:
                     elem_classes=["kfit-plain"],
                     **{"photo": "", "aspect": 1.0, "mask": "", "hint": ""},
                 )
+                found = gr.Radio([], label="Found in the photo", visible=False)
                 with gr.Row(visible=False) as tools:
                     other = gr.Button("Another photo", size="sm", min_width=120)
                     mask = gr.UploadButton("Upload a mask instead", file_types=ENDINGS, size="sm", min_width=120)
@@ -53,7 +55,7 @@ def page(sessions: Sessions) -> gr.Blocks:
                     numbers = gr.DownloadButton("Numbers (JSON)", size="sm", min_width=120)
 
         line = Line()
-        fresh = [drop, example, surface, tools, category, fit, view, downloads]
+        fresh = [drop, example, surface, found, tools, category, fit, view, downloads]
         marked = [surface, fit, view, downloads]
 
         def picture(session: Session, category: str | None, hint: str) -> list[Any]:
@@ -66,6 +68,11 @@ def page(sessions: Sessions) -> gr.Blocks:
                     photo="" if photo is None else views.photo_shown(photo.image),
                     aspect=1.0 if photo is None else photo.image.shape[1] / photo.image.shape[0],
                     **layer(session, hint),
+                ),
+                gr.update(
+                    choices=[(name, number) for number, name in enumerate(session.found())],
+                    value=0 if session.targets else None,
+                    visible=bool(session.targets),
                 ),
                 gr.update(visible=photo is not None),
                 gr.update(value=category),
@@ -90,7 +97,15 @@ def page(sessions: Sessions) -> gr.Blocks:
                 session.take(Path(file))
             except Exception as error:
                 _tell(error)
+            if session.targets:
+                return picture(session, session.targets[0].category, FOUND)
             return picture(session, None, DRAW if session.mask is None else MASKED)
+
+        @_told
+        def choose(number: int, request: gr.Request) -> list[Any]:
+            session = sessions.of(request.session_hash or "")
+            session.choose(number)
+            return [*after(session, FOUND), gr.update(value=session.targets[number].category)]
 
         @_told
         def take_example(request: gr.Request) -> list[Any]:
@@ -159,6 +174,7 @@ def page(sessions: Sessions) -> gr.Blocks:
         example.click(take_example, None, fresh, cancels=fitting, **quiet)
         other.click(leave, None, fresh, cancels=fitting, **quiet)
         mask.upload(take_mask, mask, marked, cancels=fitting, **quiet)
+        found.input(choose, found, [*marked, category], cancels=fitting, **quiet)
         surface.draw(draw, None, marked, cancels=fitting, **quiet)
         blocks.unload(forget)
     blocks.queue(max_size=3 * MOST)

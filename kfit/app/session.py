@@ -18,8 +18,10 @@ from kfit.app.uploads import checked, read_upload
 from kfit.app.watched import Drawn, watched
 from kfit.models import load
 from kfit.pose import CategoryModel, PoseResult
+from kfit.pose.object_finder import FoundObject
+from kfit.pose.targets import find_targets, with_score
 from kfit.runtime.atomic_write import atomic_write
-from kfit.segmentation import Photo, mask_from_alpha, mask_from_box, mask_from_file
+from kfit.segmentation import ObjectMask, Photo, mask_from_alpha, mask_from_file
 
 EXAMPLE_MASK = Path(__file__).parent / "coffee_mask.png"
 # Idle visitors are forgotten beyond so many sessions, and pixels in all of them, which are 12 bytes each.
@@ -41,6 +43,7 @@ class Session:
         self.folder = folder
         self.photo: Photo | None = None
         self.mask: NDArray[np.float32] | None = None
+        self.targets: list[FoundObject] = []
         self.busy = False
         self._name = ""
         # How `kfit pose` is told the object.
@@ -54,6 +57,8 @@ class Session:
     def take(self, path: Path) -> None:
         """Read an uploaded photo and delete the file; an alpha channel that sets an object off is its mask.
 
+        Without such a channel the objects of kfit's categories are found, and the first of them is chosen.
+
         Raises:
             ValueError: for a file that cannot be used, in one sentence; what was there before stays.
         """
@@ -63,6 +68,19 @@ class Session:
             path.unlink(missing_ok=True)
         alpha = mask_from_alpha(photo.alpha)
         self.photo, self.mask, self._name, self._told = photo, alpha, path.name, []
+        self.targets = find_targets(photo) if alpha is None else []
+        if self.targets:
+            self.choose(0)
+
+    def found(self) -> list[str]:
+        """Names of what was found, each with its probability."""
+        return [f"{target.category} ({100 * target.score:.0f} %)" for target in self.targets]
+
+    def choose(self, number: int) -> None:
+        """Take what was found as number ``number``, from 0, for the object."""
+        target = self.targets[number]
+        self.mask = target.segment.mask
+        self._told = ["--box", *(f"{part:.0f}" for part in target.box)]
 
     def take_example(self) -> None:
         """Take the photo of a cup that scikit-image ships, with a mask drawn by hand."""
@@ -70,7 +88,7 @@ class Session:
 
         self.photo = Photo(coffee().astype(np.float32) / np.float32(255))
         self.mask = mask_from_file(EXAMPLE_MASK, self.photo.image.shape[:2])
-        self._name, self._told = "coffee.png", ["--mask", EXAMPLE_MASK.name]
+        self._name, self._told, self.targets = "coffee.png", ["--mask", EXAMPLE_MASK.name], []
 
     def take_mask(self, path: Path) -> None:
         """Read an uploaded mask and delete the file.
@@ -99,7 +117,7 @@ class Session:
             round(part * whole) for part, whole in zip(box, (width, height, width, height), strict=True)
         )
         self.mask = None
-        self.mask = mask_from_box(image, (left, top, across, down))
+        self.mask = ObjectMask()(image, "object", (left, top, across, down)).mask
         self._told = ["--box", *(str(number) for number in (left, top, across, down))]
 
     def fit(self, category: str | None) -> Iterator[Drawn | PoseResult]:
@@ -114,7 +132,20 @@ class Session:
         if category is None:
             raise ValueError("Choose what kind of object it is.")
         # The photo's own alpha channel is used as `kfit pose` does, which is not told of it.
-        return watched(_model(category), photo, self.mask if self._told else None)
+        mask = self.mask if self._told else None
+        return self._checked(watched(_model(category), photo, mask), photo, category, mask)
+
+    @staticmethod
+    def _checked(
+        news: Iterator[Drawn | PoseResult], photo: Photo, category: str, mask: NDArray[np.float32] | None
+    ) -> Iterator[Drawn | PoseResult]:
+        """The same, with the answer's confidence bounded by how probable the category is."""
+        for one in news:
+            if isinstance(one, PoseResult):
+                (target,) = find_targets(photo, category, mask)
+                yield with_score(one, target)
+            else:
+                yield one
 
     def command(self, category: str) -> str:
         """The line that does the same in a terminal."""
@@ -143,6 +174,7 @@ class Session:
     def close(self) -> None:
         """Delete everything."""
         self.photo = self.mask = None
+        self.targets = []
         shutil.rmtree(self.folder, ignore_errors=True)
 
     def _seen(self) -> Photo:

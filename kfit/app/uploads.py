@@ -10,11 +10,19 @@ from PIL import Image, UnidentifiedImageError
 
 from kfit.runtime.ignored_warnings import ignore_warnings
 from kfit.segmentation import Photo, read_photo
+from kfit.segmentation.file_kinds import is_heif, register_heif
+from kfit.segmentation.photo import LARGEST_PICTURE
 
-LARGEST_FILE = 20 * 2**20
-LARGEST_PICTURE = 40_000_000
+LARGEST_FILE = 64 * 2**20
 # Those that phones, cameras and browsers write. Each further decoder is one more that strangers' bytes reach.
-KINDS = {"JPEG": (".jpg", ".jpeg"), "PNG": (".png",), "WEBP": (".webp",)}
+KINDS = {
+    "JPEG": (".jpg", ".jpeg"),
+    "PNG": (".png",),
+    "WEBP": (".webp",),
+    "AVIF": (".avif",),
+    "HEIF": (".heic", ".heif"),
+}
+NAMES = "JPEG, PNG, WebP, AVIF or HEIC"
 ENDINGS = [ending for endings in KINDS.values() for ending in endings]
 
 Read = TypeVar("Read")
@@ -24,7 +32,8 @@ def read_upload(path: Path) -> Photo:
     """Read an uploaded photo.
 
     Raises:
-        ValueError: if it has more than 20 MB or 40 megapixels, is no JPEG, PNG or WebP picture, or is damaged.
+        ValueError: if it has more than 64 MB or 65 megapixels, is of none of the ``KINDS``, or is damaged.
+        ImportError: for HEIC without the package that decodes it.
     """
     return checked(path, read_photo)
 
@@ -46,12 +55,16 @@ def _measure(path: Path) -> None:
     size = path.stat().st_size
     if size > LARGEST_FILE:
         raise ValueError(f"{path} has {size / 2**20:.1f} MB; the page takes pictures of at most {LARGEST_FILE >> 20}")
+    kinds = [kind for kind in KINDS if kind != "HEIF"]
+    if is_heif(path):
+        register_heif()
+        kinds = ["HEIF"]
     try:
         # reads the head alone, without Pillow's own warning of large pictures
-        with ignore_warnings(), Image.open(path, formats=list(KINDS)) as picture:
+        with ignore_warnings(), Image.open(path, formats=kinds) as picture:
             width, height = picture.size
     except UnidentifiedImageError as error:
-        raise ValueError(f"{path} is no JPEG, PNG or WebP picture, which the page takes") from error
+        raise ValueError(f"{path} is no {NAMES} picture, which the page takes") from error
     except Image.DecompressionBombError as error:
         raise ValueError(_too_many(path, "far too many")) from error
     if width * height > LARGEST_PICTURE:

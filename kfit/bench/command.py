@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from jsonargparse import ArgumentParser, Namespace
 
-from kfit.bench import accuracy, dataset, energies, optimizers, registration, scaling, speed, tracking, training
+from kfit.bench import accuracy, dataset, energies, optimizers, photos, registration, scaling, speed, tracking, training
 from kfit.bench.paper import command as paper
 
 BENCHMARKS = {
@@ -13,6 +13,7 @@ BENCHMARKS = {
     "energies": energies,
     "following": tracking,
     "optimizers": optimizers,
+    "photos": photos,
     "registration": registration,
     "paper": paper,
     "scaling": scaling,

@@ -8,6 +8,7 @@ from typing import Literal
 from jsonargparse import ArgumentParser, Namespace
 
 from kfit.cli import info
+from kfit.cli.photo_files import path_name
 from kfit.runtime.help_page import tree
 
 SHELLS = Literal["bash", "zsh", "fish"]
@@ -49,5 +50,5 @@ def _complete_words(action: argparse.Action) -> None:
 
     if action.dest == "category":
         action.choices = sorted(path.stem for path in info.BUNDLED.glob("*.safetensors"))
-    elif getattr(action, "_typehint", action.type) is str and action.choices is None:
+    elif getattr(action, "_typehint", action.type) in (str, path_name) and action.choices is None:
         action.complete = shtab.DIRECTORY if action.metavar in ("DIR", "FOLDER") else shtab.FILE  # type: ignore[attr-defined]

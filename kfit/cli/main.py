@@ -93,7 +93,7 @@ def check_places(arguments: Namespace) -> None:
     Raises:
         ValueError, OSError: naming the option.
     """
-    for name in ("out", "runs", "cache", "report", "animation"):
+    for name in ("out", "runs", "cache", "report", "animation", "mesh"):
         if (place := arguments.get(name)) is None:
             continue
         if not place:
@@ -101,7 +101,7 @@ def check_places(arguments: Namespace) -> None:
         from kfit.runtime.atomic_write import check_folder
 
         path = Path(place)
-        is_file = name in ("report", "animation") or path.suffix == ".safetensors"
+        is_file = name in ("report", "animation", "mesh") or path.suffix == ".safetensors"
         check_folder(f"--{name}", path.parent if is_file else path)
         if is_file and path.is_dir():
             raise ValueError(f"--{name} must name a file, but {path} is a folder")

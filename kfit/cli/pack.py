@@ -20,7 +20,8 @@ def parser() -> ArgumentParser:
     parser.add_argument(
         "checkpoint",
         type=str,
-        help="a .ckpt file of kfit.training.ConditionalVAE, or with --category the paper's authors' model_latest.pth",
+        help="a .ckpt file of kfit.training.ConditionalVAE, a .safetensors file that gets another pose head, or with "
+        "--category the paper's authors' model_latest.pth",
     )
     parser.add_argument(
         "--category",

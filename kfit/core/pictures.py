@@ -83,8 +83,10 @@ def _check_weight(weight: Any, pictures: Any) -> None:
         raise TypeError(f"weight must be a tensor of shape {wanted}, got {type(weight).__name__}")
     if tuple(weight.shape) != wanted:
         raise ValueError(f"weight must have shape {wanted}, got {tuple(weight.shape)}")
-    if _known_false((weight >= 0).all()):
-        raise ValueError(f"weight must be at least 0 everywhere, got {float(weight.min()):g}")
+    # What is no finite number makes its own row NaN, and leaves the others theirs.
+    counted = weight if weight.dtype == torch.bool else weight.nan_to_num(0, 0, 0)
+    if _known_false((counted >= 0).all()):
+        raise ValueError(f"weight must be at least 0 everywhere, got {float(counted.min()):g}")
 
 
 def _check_unit_range(pictures: Any, weight: Tensor | None) -> None:

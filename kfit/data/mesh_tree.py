@@ -95,17 +95,18 @@ def roots(path: Path) -> list[Path]:
     return [folder, beside] if folder.name == "models" and beside.is_dir() and not beside.is_symlink() else [folder]
 
 
-def mesh_digests(files: Sequence[Path]) -> list[str]:
-    """Tell meshes from others: by the contents of each and of the materials and textures in its own tree.
+def mesh_identities(files: Sequence[Path]) -> list[str]:
+    """Tell meshes from others: by the name and content of each and the materials and textures in its own tree.
 
     Returns:
-        16 hexadecimal digits a mesh.
+        The name and 16 hexadecimal digits of each.
     """
     companions = {folder: _companions(folder) for folder in {root for file in files for root in roots(file)}}
     found = []
     for file in files:
         own = [_digest_of(file), *(one for root in roots(file) for one in companions[root])]
-        found.append(hashlib.sha256("\n".join(own).encode()).hexdigest()[:16])
+        digest = hashlib.sha256("\n".join(own).encode()).hexdigest()
+        found.append(f"{file.name} {digest[:16]}")
     return found
 
 

@@ -18,7 +18,7 @@ from kfit.core.check import check_choice, check_count, check_list, check_range, 
 from kfit.data import shapes
 from kfit.data.drawn_objects import DrawnObjects, in_order
 from kfit.data.hdf5 import read_dataset
-from kfit.data.mesh_tree import mesh_digests
+from kfit.data.mesh_tree import mesh_identities
 from kfit.data.view_parts import FIELDS, ViewParts
 from kfit.geometry import UNIT_FRACTION, azimuth_from_released
 from kfit.runtime.atomic_write import atomic_write
@@ -89,7 +89,7 @@ def build_views(
     check_range("unit_fraction", unit_fraction, 0.1, 10)
     check_count("supersample", supersample, 1, 16)
     settings: dict[str, Any] = {
-        "source": source if isinstance(source, str) else _identities(source),
+        "source": source if isinstance(source, str) else mesh_identities([Path(file) for file in source]),
         "shapes_version": shapes.VERSION,
         "num_objects": num_objects,
         "num_views": num_views,
@@ -116,12 +116,6 @@ def build_views(
             continue
     parts.remove()
     return path
-
-
-def _identities(files: Sequence[str | Path]) -> list[str]:
-    """What tells mesh files from others: names and contents, those of their textures too."""
-    paths = [Path(file) for file in files]
-    return [f"{path.name} {digest}" for path, digest in zip(paths, mesh_digests(paths), strict=True)]
 
 
 def _finished(path: Path, settings: dict[str, Any]) -> bool:

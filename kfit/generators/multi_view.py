@@ -87,9 +87,10 @@ class MultiView(Generator):
         """Rotation (N, 3, 3) and translation (N, 3) in the reference camera, OpenCV axes, metres."""
         middle = (self.image_size - 1) / 2
         crop = Crop((middle, middle), float(self.image_size), self.image_size)
-        angles = (values["azimuth"], values["elevation"], values["roll"])
-        size = (values["diagonal"], self.unit_fraction)
-        return pose_from_crop(*angles, values["shift"], values["scale"], crop, camera, *size)
+        azimuth, elevation, roll, shift, scale = (values[name] for name in PLACING)
+        return pose_from_crop(
+            azimuth, elevation, roll, shift, scale, crop, camera, values["diagonal"], self.unit_fraction
+        )
 
     def _seen(self, rotation: Tensor, translation: Tensor, camera: Tensor, diagonal: Tensor) -> dict[str, Tensor]:
         """Angles, shift and scale by which an object at a pose is drawn: the inverse of `_pose`."""

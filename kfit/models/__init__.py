@@ -1,12 +1,14 @@
-"""Model files: those that come with kfit, and how models are read and written."""
+"""Model files: those that come with kfit, how models are read and written, and poses by them."""
 
 from kfit.models.files import read_card, read_checkpoint, read_model, write_model
+from kfit.models.find_poses import find_poses
 from kfit.models.load import bundled, load
 from kfit.models.released import load_released, released_values
 from kfit.models.released_model import released_model
 
 __all__ = [
     "bundled",
+    "find_poses",
     "load",
     "load_released",
     "read_card",

@@ -28,7 +28,8 @@ def pack(
     """Write a model file.
 
     Args:
-        checkpoint: of `kfit.training.ConditionalVAE`, or with a category a released one.
+        checkpoint: of `kfit.training.ConditionalVAE`, or with a category a released one; or a model's file, which
+            gets another pose head and loses what was measured with the old one.
         out: path of the .safetensors file.
         pose_head: a checkpoint of `kfit.training.PoseTraining`, or a model's file, whose head is taken.
         pose_weight: of the pose head in a fit, at least 0.
@@ -39,7 +40,10 @@ def pack(
         FileNotFoundError: if a file is missing.
         ValueError: for a file that is no such checkpoint, or a pose head of another category.
     """
-    if category is None:
+    if checkpoint.suffix == ".safetensors":
+        networks, card = read_model(checkpoint)
+        card.accuracy, card.calibration = {}, {}
+    elif category is None:
         networks, card = _trained(checkpoint, command)
     else:
         networks, card = released_model(checkpoint, category)

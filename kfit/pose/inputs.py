@@ -12,7 +12,7 @@ from torch import Tensor
 
 from kfit.geometry import intrinsics_from_fov
 from kfit.pose.check_intrinsics import check_intrinsics
-from kfit.segmentation import GrabCut, Segment, Segmenter, binary_mask, clean_mask
+from kfit.segmentation import ObjectMask, Segment, Segmenter, binary_mask, clean_mask
 
 # Along the longer side, of a camera of which nothing is known: its focal length is 1.2 times that side; see
 # `kfit.energies.LensPrior`.
@@ -92,7 +92,7 @@ def choose_mask(
         box = (left, top, width, height)
     if not (segmenter is None or callable(segmenter)):
         raise ValueError(f"segmenter must be an ONNX file or a Segmenter, got {type(segmenter).__name__}")
-    found = (segmenter or GrabCut())(pixels, category, box)
+    found = (segmenter or ObjectMask())(pixels, category, box)
     clean = clean_mask(found.mask)
     return Segment(clean.mask, found.notes + clean.notes, found.doubts + clean.doubts)
 

@@ -63,6 +63,8 @@ class PoseResult:
         drawing: (S, S, 3) the winner's picture.
         fit: everything about the fit.
         draw: draws N values of the fit, such as those of a start over the steps.
+        category_score: probability in [0, 1] that the object is of the category, by its look; None where nothing
+            checked it.
         surface: finds the fitted object's surface; None where the model's generator has none.
     """
 
@@ -87,6 +89,7 @@ class PoseResult:
     drawing: NDArray[np.float32] = field(repr=False)
     fit: FitResult = field(repr=False)
     draw: Callable[[Variables], Rendering] = field(repr=False)
+    category_score: float | None = None
     surface: Callable[[], Surface] | None = field(default=None, repr=False)
 
     @property
@@ -119,6 +122,7 @@ class PoseResult:
         """What ``pose.json`` holds: numbers, lists and strings only."""
         return {
             "category": self.category,
+            "category_score": self.category_score,
             "symmetry": CATEGORIES[self.category].symmetry,
             "rotation": self.rotation.tolist(),
             "quaternion_wxyz": self.quaternion_wxyz.tolist(),

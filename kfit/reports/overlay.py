@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import cv2
@@ -60,17 +61,12 @@ def draw_overlay(
     Raises:
         ValueError: if the box reaches behind the camera.
     """
-    photo = _bytes(torch.as_tensor(image))
-    factor = min(max(SMALLEST, max(photo.shape[:2])), LARGEST) / max(photo.shape[:2])
-    photo = _resized(photo, round(photo.shape[1] * factor), round(photo.shape[0] * factor))
-    thick = max(1.0, max(photo.shape[:2]) / 400)
+    photo, move, thick = _photo_to_draw_on(image)
     if mask is not None:
         _draw_outline(photo, np.asarray(torch.as_tensor(mask).cpu(), np.float32), thick)
     rotation, translation, size, camera = (
         torch.as_tensor(value).detach().cpu().double() for value in (rotation, translation, size, intrinsics)
     )
-    # Pixel centres are at integers, so it is the picture's corner at −1/2 that stays where it is.
-    move = torch.tensor([[factor, 0, factor / 2 - 0.5], [0, factor, factor / 2 - 0.5], [0, 0, 1]], dtype=torch.float64)
     _draw_pose(photo, rotation, translation, size, move @ camera, thick)
     if seen is not None or drawing is not None:
         _write(photo, "photo", thick)
@@ -82,6 +78,31 @@ def draw_overlay(
             _write(panels[-1], label, thick)
     shown = _beside(photo, panels)
     return shown if caption is None else np.concatenate((shown, _strip(caption, shown.shape[1], thick)))
+
+
+def draw_objects(image: Any, poses: Sequence[Mapping[str, Any]], caption: str | None = None) -> Picture:
+    """Draw the poses of several objects on their photo, numbered from 1.
+
+    Args:
+        image: (H, W, 3) array or tensor, RGB in [0, 1].
+        poses: of each object rotation, translation, size, intrinsics and mask, as `draw_overlay` takes them.
+        caption: line or lines for the strip below.
+
+    Returns:
+        (height, width, 3) RGB bytes.
+    """
+    photo, move, thick = _photo_to_draw_on(image)
+    for pose in poses:
+        _draw_outline(photo, np.asarray(torch.as_tensor(pose["mask"]).cpu(), np.float32), thick)
+    for number, pose in enumerate(poses, 1):
+        rotation, translation, size, camera = (
+            torch.as_tensor(pose[name]).double() for name in ("rotation", "translation", "size", "intrinsics")
+        )
+        _draw_pose(photo, rotation, translation, size, move @ camera, thick)
+        rows, columns = (np.flatnonzero((np.asarray(pose["mask"]) > 0.5).any(axis)) for axis in (1, 0))
+        corner = move[:2, :2] @ torch.tensor([columns[0], rows[0]], dtype=torch.float64)
+        _tag(photo, str(number), corner, INK, 1.5 * thick)
+    return photo if caption is None else np.concatenate((photo, _strip(caption, photo.shape[1], thick)))
 
 
 def draw_frame(
@@ -118,6 +139,16 @@ def draw_frame(
         _draw_pose(shown, rotation, translation, size, move @ intrinsics, thick)
     _write(shown, caption, thick)
     return shown
+
+
+def _photo_to_draw_on(image: Any) -> tuple[Picture, Tensor, float]:
+    """A photo as large as it is shown, the map (3, 3) of its pixels to those shown, and how thick lines are."""
+    photo = _bytes(torch.as_tensor(image))
+    factor = min(max(SMALLEST, max(photo.shape[:2])), LARGEST) / max(photo.shape[:2])
+    photo = _resized(photo, round(photo.shape[1] * factor), round(photo.shape[0] * factor))
+    # Pixel centres are at integers, so it is the picture's corner at −1/2 that stays where it is.
+    move = torch.tensor([[factor, 0, factor / 2 - 0.5], [0, factor, factor / 2 - 0.5], [0, 0, 1]], dtype=torch.float64)
+    return photo, move, max(1.0, max(photo.shape[:2]) / 400)
 
 
 def _draw_pose(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import yaml  # type: ignore[import-untyped]
 from jsonargparse import get_loader, set_loader
 
 # Old name of a module or class → the new one.
@@ -57,7 +58,7 @@ def read_old_paths() -> None:
     load = get_loader("yaml")
     if load is not _load:
         _loaders[:] = [load]
-        set_loader("yaml", _load)
+        set_loader("yaml", _load, exceptions=(yaml.YAMLError,))
 
 
 _loaders: list[Any] = []

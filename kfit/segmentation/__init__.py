@@ -8,6 +8,8 @@ from kfit.segmentation.load_segmenter import load_segmenter
 from kfit.segmentation.mask_rcnn import MaskRCNN
 from kfit.segmentation.near_silhouette import mask_in_photo, mask_near
 from kfit.segmentation.nocs_detections import nocs_detections
+from kfit.segmentation.object_detector import ObjectDetector
+from kfit.segmentation.object_mask import ObjectMask
 from kfit.segmentation.onnx_network import OnnxNetwork
 from kfit.segmentation.photo import Photo, depth_from_file, mask_from_alpha, mask_from_file, read_photo
 from kfit.segmentation.salient_object import SalientObject
@@ -22,6 +24,8 @@ __all__ = [
     "Frames",
     "GrabCut",
     "MaskRCNN",
+    "ObjectDetector",
+    "ObjectMask",
     "OnnxNetwork",
     "Photo",
     "SalientObject",

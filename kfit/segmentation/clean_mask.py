@@ -1,7 +1,8 @@
-"""A mask made ready to use: thresholded at one half, without stray parts."""
+"""A mask made ready to use: thresholded at one half, without stray parts and small holes."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import cv2
@@ -18,6 +19,8 @@ FULL_SCALES = (1, 255, 65535)
 SPECK, STRAY = 0.01, 0.25
 # Shares of the longer side of the largest part's box: a gap beyond it is more than a strap or a finger would leave.
 FAR = 0.1
+# Share of the object's area up to which a hole is a fault of the mask; that of a mug's handle is larger.
+HOLE = 0.01
 
 
 def binary_mask(values: NDArray[Any], labels: bool = True) -> NDArray[np.float32]:
@@ -46,7 +49,9 @@ def binary_mask(values: NDArray[Any], labels: bool = True) -> NDArray[np.float32
 
 
 def clean_mask(mask: NDArray[np.float32]) -> Segment:
-    """Drop the parts of a mask that are no part of the object.
+    """Drop the parts of a mask that are no part of the object, and fill its small holes.
+
+    Filled are holes (4 neighbours) with less than 1 % of the object's area that do not touch the picture's border.
 
     Dropped are connected parts (8 neighbours) with less than 1 % of the largest one's area, and those with less than a
     quarter that lie farther from it than a tenth of its box's longer side. A larger part that far away stays, with a
@@ -58,6 +63,22 @@ def clean_mask(mask: NDArray[np.float32]) -> Segment:
     Returns:
         The mask, with a note where parts were dropped and a doubt where a large one lies far away.
     """
+    parts = _without_stray_parts(mask)
+    return replace(parts, mask=_without_holes(parts.mask))
+
+
+def _without_holes(mask: NDArray[np.float32]) -> NDArray[np.float32]:
+    there = mask > 0.5
+    _, gaps, stats, _ = cv2.connectedComponentsWithStats((~there).astype(np.uint8), connectivity=4)
+    right, low = stats[:, cv2.CC_STAT_LEFT] + stats[:, cv2.CC_STAT_WIDTH], stats[:, cv2.CC_STAT_TOP] + stats[:, 3]
+    inside = (stats[:, cv2.CC_STAT_LEFT] > 0) & (stats[:, cv2.CC_STAT_TOP] > 0)
+    inside &= (right < mask.shape[1]) & (low < mask.shape[0])
+    small = inside & (stats[:, cv2.CC_STAT_AREA] < HOLE * there.sum())
+    small[0] = False  # the object itself
+    return np.where(small[gaps], np.float32(1), mask) if small.any() else mask
+
+
+def _without_stray_parts(mask: NDArray[np.float32]) -> Segment:
     there = (mask > 0.5).astype(np.uint8)
     number, parts, stats, _ = cv2.connectedComponentsWithStats(there)
     if number <= 2:

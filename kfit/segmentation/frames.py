@@ -108,7 +108,7 @@ class Clip(Frames):
         os.environ[_OPTIONS] = f"format_whitelist;{CLIPS}|protocol_whitelist;file"
         try:
             self._capture = cv2.VideoCapture(str(path))
-            change = size_change(path)
+            change = size_change(path) if self._capture.isOpened() else None
         finally:
             os.environ.pop(_OPTIONS) if before is None else os.environ.update({_OPTIONS: before})
         across, down = (int(self._capture.get(side)) for side in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))

@@ -12,7 +12,7 @@ from kfit.segmentation.yolo_seg import YoloSeg
 
 
 def load_segmenter(path: str | Path) -> Segmenter:
-    """Load an ONNX model that finds objects: Mask R-CNN, YOLO-seg or IS-Net, told apart by their layouts.
+    """Load an ONNX model that finds objects: Mask R-CNN, YOLO-seg, U²-Net or IS-Net, told apart by their layouts.
 
     Raises:
         FileNotFoundError: if there is no such file.
@@ -22,4 +22,4 @@ def load_segmenter(path: str | Path) -> Segmenter:
     for kind in (YoloSeg, MaskRCNN, SalientObject):
         if kind.fits(network):
             return kind(network)
-    raise ValueError(f"{path} has the layout of neither Mask R-CNN, YOLO-seg nor IS-Net ({network.layout})")
+    raise ValueError(f"{path} has the layout of neither Mask R-CNN, YOLO-seg, U²-Net nor IS-Net ({network.layout})")

@@ -62,6 +62,7 @@ class OnnxNetwork:
         inputs, outputs: what goes in and comes out.
         layout: the same in words.
         sides: height and width of the picture, None where any serves.
+        channels_last: whether the picture goes in as (1, H, W, 3) and not as (1, 3, H, W) or (3, H, W).
 
     Raises:
         FileNotFoundError: if there is no such file.
@@ -91,8 +92,13 @@ class OnnxNetwork:
         self.outputs = [_socket(node) for node in self._session.get_outputs()]
         self.layout = f"in: {_listed(self.inputs)}; out: {_listed(self.outputs)}"
         shape = self.inputs[0].shape if len(self.inputs) == 1 and self.inputs[0].kind in KINDS else ()
+        self.channels_last = len(shape) == 4 and shape[3] == 3 and shape[1] != 3
+        if self.channels_last:
+            shape = (shape[0], shape[3], shape[1], shape[2])
         if len(shape) not in (3, 4) or shape[-3] not in (3, None) or shape[:-3] not in ((), (1,), (None,)):
-            raise ValueError(f"{path} does not take one RGB picture, (3, H, W) or (1, 3, H, W) float ({self.layout})")
+            raise ValueError(
+                f"{path} does not take one RGB picture, (3, H, W), (1, 3, H, W) or (1, H, W, 3) float ({self.layout})"
+            )
         if max(side or 1 for side in shape[-2:]) > LARGEST_SIDE:
             raise ValueError(f"{path} takes pictures of more than {LARGEST_SIDE} pixels a side ({self.layout})")
         self.sides = (shape[-2], shape[-1])
@@ -121,11 +127,12 @@ class OnnxNetwork:
             ValueError: if the network fails on it, or gives other axes than its file says.
         """
         source = self.inputs[0]
-        planes = np.ascontiguousarray(picture.transpose(2, 0, 1), KINDS[source.kind])
+        axes_in_order = picture if self.channels_last else picture.transpose(2, 0, 1)
+        values = np.ascontiguousarray(axes_in_order, KINDS[source.kind])
         size = f"a picture of {picture.shape[1]} x {picture.shape[0]} pixels"
         with _time_limit(LONGEST_RUN) as limit:
             try:
-                given = {source.name: planes[None] if len(source.shape) == 4 else planes}
+                given = {source.name: values[None] if len(source.shape) == 4 else values}
                 found = self._session.run(names, given, limit)
             except Exception as error:
                 if limit.terminate:

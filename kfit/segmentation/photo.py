@@ -15,13 +15,14 @@ from torch import Tensor
 from kfit.geometry import intrinsics_from_exif, was_cropped
 from kfit.runtime.ignored_warnings import ignore_warnings
 from kfit.segmentation.clean_mask import binary_mask
+from kfit.segmentation.file_kinds import check_is_file, is_heif, register_heif, unreadable
 
 # Pixels of a side, and of a picture: phones take 64 megapixels, which are a gigabyte of memory while they are read.
 LARGEST_SIDE, LARGEST_PICTURE = 10_000, 65_000_000
 # Pillow reads more kinds, whatever a file is called; PostScript among them, a program that it has Ghostscript run.
 KINDS = ("AVIF", "BMP", "DIB", "GIF", "JPEG", "JPEG2000", "PNG", "PPM", "TGA", "TIFF", "WEBP")
 # Of these, the ones that blur zeros into small numbers.
-LOSSY = ("AVIF", "JPEG", "JPEG2000", "MPO", "WEBP")
+LOSSY = ("AVIF", "HEIF", "JPEG", "JPEG2000", "MPO", "WEBP")
 CROPPED = (
     "by its EXIF tags the photo was cropped after it was taken: it is assumed to be the middle of that photo, and not "
     "scaled; distance and direction depend on it"
@@ -49,11 +50,12 @@ class Photo:
 def read_photo(path: str | Path) -> Photo:
     """Read a photo, with 8 or 16 bits, grey, of a palette or CMYK, with or without alpha.
 
-    Its file is of one of the ``KINDS``, as JPEG, PNG, WebP and TIFF are. The EXIF rotation is carried out. Of a file
-    with several pictures the first is read.
+    Its file is of one of the ``KINDS``, as JPEG, PNG, WebP, AVIF and TIFF are, or HEIC, which needs the extra
+    ``kfit[heif]``. The EXIF rotation is carried out. Of a file with several pictures the first is read.
 
     Raises:
         FileNotFoundError: if there is no such file.
+        ImportError: for a HEIC picture without the package that decodes it.
         ValueError: if it is no image, is damaged, or has more than 10,000 pixels on a side or 65 megapixels.
     """
     picture, tags = _open(path)
@@ -125,7 +127,7 @@ def depth_from_file(path: str | Path, shape: tuple[int, int]) -> NDArray[np.floa
         ValueError: if it is neither, its size is not the photo's, or no depth is known in it.
     """
     if Path(path).suffix == ".npy":
-        _check_file(path)
+        check_is_file(path)
         try:
             metres: NDArray[Any] = np.lib.format.open_memmap(path, mode="r")  # `np.load` would open zips too
         except (ValueError, OSError, EOFError) as error:
@@ -163,21 +165,17 @@ def _is_grey(palette: Sequence[int]) -> bool:
     return palette[::3] == palette[1::3] == palette[2::3]
 
 
-def _check_file(path: str | Path) -> None:
-    """Refuse what is no file: a pipe would be waited for."""
-    if not Path(path).exists():
-        raise FileNotFoundError(f"there is no file {path}")
-    if not Path(path).is_file():
-        raise ValueError(f"{path or '.'} is not an image that can be read: it is no file")
-
-
 def _open(path: str | Path) -> tuple[Image.Image, dict[int, object]]:
     """The upright picture and its EXIF tags."""
-    _check_file(path)
+    check_is_file(path)
     size, colours = None, None
+    kinds: tuple[str, ...] = KINDS
+    if is_heif(path):
+        register_heif()
+        kinds = ("HEIF",)
     try:
         # Pillow warns of large pictures, which are measured below, and of EXIF tags that it cannot read.
-        with ignore_warnings(), Image.open(path, formats=KINDS) as picture:
+        with ignore_warnings(), Image.open(path, formats=kinds) as picture:
             size, kind = picture.size, picture.format
             colours = getattr(picture, "tag_v2", {}).get(_TIFF_COLOURS)
             if max(size) > LARGEST_SIDE or size[0] * size[1] > LARGEST_PICTURE:
@@ -192,7 +190,7 @@ def _open(path: str | Path) -> tuple[Image.Image, dict[int, object]]:
             f"{path} has {has}; at most {LARGEST_SIDE:,} on a side and {LARGEST_PICTURE // 1_000_000} million are read"
         ) from error
     except (UnidentifiedImageError, PermissionError) as error:
-        raise ValueError(f"{path} is not an image that can be read") from error
+        raise ValueError(unreadable(path)) from error
     except MemoryError:
         raise
     except Exception as error:  # Pillow raises whatever its many parsers raise

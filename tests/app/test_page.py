@@ -127,7 +127,7 @@ def test_a_mistake_is_one_sentence_in_the_page(visit, tmp_path):
     path = tmp_path / "notes.png"
     path.write_text("no picture")
     visit.locator("input[type=file]").first.set_input_files(path)
-    visit.get_by_text("notes.png is no JPEG, PNG or WebP picture, which the page takes").wait_for()
+    visit.get_by_text("notes.png is no JPEG, PNG, WebP, AVIF or HEIC picture, which the page takes").wait_for()
     assert "Traceback" not in visit.content()
     visit.get_by_text("Take the example").wait_for()
 

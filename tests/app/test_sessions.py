@@ -11,7 +11,8 @@ from kfit.app import session
 from kfit.app.session import Session, Sessions
 from kfit.app.watched import Drawn
 from kfit.pose import PoseResult
-from kfit.segmentation import Photo, mask_from_box
+from kfit.pose.object_finder import FoundObject
+from kfit.segmentation import ObjectMask, Photo, Segment
 
 
 @pytest.fixture
@@ -24,8 +25,21 @@ def test_a_photo_is_read_and_its_file_deleted(visit, upload, drawn_mug):
     path = upload(drawn_mug[..., :3])
     visit.take(path)
     assert visit.photo.image.shape == (128, 128, 3)
-    assert visit.mask is None
     assert not path.exists()
+
+
+def test_what_is_found_in_a_photo_can_be_chosen(visit, upload, drawn_mug, monkeypatch):
+    masks = [np.eye(128, dtype=np.float32), np.ones((128, 128), np.float32)]
+    targets = [FoundObject(name, 0.9, (1, 2, 3, 4), Segment(mask)) for name, mask in zip("ab", masks, strict=True)]
+    monkeypatch.setattr(session, "find_targets", lambda photo: targets)
+    visit.take(upload(drawn_mug[..., :3]))
+    assert visit.found() == ["a (90 %)", "b (90 %)"]
+    assert visit.mask is masks[0]
+    visit.choose(1)
+    assert visit.mask is masks[1]
+    assert visit.command("mug") == "kfit pose mug.png --category mug --box 1 2 3 4"
+    visit.take(upload(drawn_mug))
+    assert visit.found() == []
 
 
 def test_a_file_that_is_refused_is_deleted_too_and_what_was_there_stays(visit, upload, drawn_mug):
@@ -33,7 +47,7 @@ def test_a_file_that_is_refused_is_deleted_too_and_what_was_there_stays(visit, u
     before = visit.photo
     path = upload(drawn_mug, "other.png")
     path.write_bytes(b"nothing")
-    with pytest.raises(ValueError, match="no JPEG, PNG or WebP"):
+    with pytest.raises(ValueError, match="no JPEG, PNG, WebP, AVIF or HEIC"):
         visit.take(path)
     assert not path.exists()
     assert visit.photo is before
@@ -50,7 +64,7 @@ def test_a_box_is_cut_as_the_command_line_does(visit, upload, drawn_mug):
     rows, columns = (np.flatnonzero((drawn_mug[..., 3] > 0).any(axis)) for axis in (1, 0))
     box = (columns[0], rows[0], columns[-1] + 1 - columns[0], rows[-1] + 1 - rows[0])
     visit.draw(tuple((number + 0.3) / 128 for number in box))
-    assert np.array_equal(visit.mask, mask_from_box(visit.photo.image, tuple(map(float, box))))
+    assert np.array_equal(visit.mask, ObjectMask()(visit.photo.image, "mug", tuple(map(float, box))).mask)
     assert visit.command("mug") == "kfit pose 'my mug.png' --category mug --box " + " ".join(map(str, box))
 
 

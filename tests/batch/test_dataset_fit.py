@@ -195,7 +195,7 @@ def test_an_object_that_cannot_be_fitted_is_told_and_the_others_are_fitted(nocs,
     assert (module.counts["objects"], module.counts["unfitted"], len(warned)) == (4, 4, 4)
     result = load_pickle(tmp_path / "out/results_test_scene_1_0000.pkl")
     assert len(result["pred_RTs"]) == 1
-    assert result["unfitted"] == ["mug: mask is empty: none of its pixels is above 0"]
+    assert result["unfitted"] == ["mug: mask is empty: none of its pixels is above one half"]
 
 
 def test_a_damaged_frame_does_not_end_the_run(nocs, models, tmp_path):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from nocs_lookalike import write_frames
 
-from kfit.bench.nocs_accuracy import KnownObject, draws_depth, fit_known, known_objects
+from kfit.bench.nocs_accuracy import KnownObject, fit_known, known_objects
 from kfit.generators import RadianceField
 from kfit.pose import CategoryModel
 
@@ -61,6 +61,11 @@ def test_an_object_without_depth_is_not_fitted_to_it(tiny_model: CategoryModel, 
 
 
 def test_a_model_knows_whether_it_draws_depth(tiny_model: CategoryModel) -> None:
-    assert not draws_depth(tiny_model)
-    tiny_model.generator = RadianceField(code_dim=4, volume_dims=[8, 4], num_samples=4)
-    assert draws_depth(tiny_model)
+    assert "depth" not in tiny_model.drawn
+    deep = CategoryModel(
+        RadianceField(code_dim=4, volume_dims=[8, 4], num_samples=4),
+        tiny_model.encoder,
+        tiny_model.extents,
+        tiny_model.card,
+    )
+    assert "depth" in deep.drawn

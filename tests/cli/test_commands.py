@@ -90,7 +90,9 @@ def test_a_users_mistake_gets_one_sentence_and_writes_nothing(
         ([str(cutout), *mug, "--box", "5", "5", "20", "20", "--mask", str(empty)], "both given"),
         ([str(cutout), "--category", "teapot"], "those known are"),
         ([str(cutout), "--model", str(damaged)], "damaged"),
-        ([str(cutout)], "either --category NAME or --model"),
+        ([str(cutout), "--category", "mug", "--model", "a.safetensors"], "both given"),
+        (["https://example.org/photo.jpg", *mug], "is an address"),
+        (["clip.mp4", *mug], "clip.mp4"),
         ([str(cutout), *mug, "--depth", "d.png"], "no file d.png"),
         ([str(cutout), *mug, "--depth", str(empty)], "16-bit picture of millimetres"),
     ]:

@@ -16,7 +16,7 @@ import pytest
 from PIL import Image
 
 from kfit.data.mesh_files import load_mesh
-from kfit.data.mesh_tree import mesh_digests
+from kfit.data.mesh_tree import mesh_identities
 from kfit.data.views import Views, build_views
 
 MESH = "mtllib m.mtl\nusemtl a\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n"
@@ -145,9 +145,9 @@ def test_what_has_too_many_parts_is_refused_before_it_is_read(tmp_path: Path) ->
         load_mesh(tmp_path / "m.glb")
 
 
-def test_a_digest_changes_with_any_content_of_the_tree_and_with_nothing_else(tmp_path: Path) -> None:
+def test_an_identity_changes_with_any_content_of_the_tree_and_with_nothing_else(tmp_path: Path) -> None:
     path, copy = (model(tmp_path / name / "models", "../images/t.png") for name in ("id", "copy"))
-    first, same = mesh_digests([path, copy])
+    first, same = mesh_identities([path, copy])
     assert first == same
     seen = {first}
     for file, old, new in [
@@ -156,10 +156,10 @@ def test_a_digest_changes_with_any_content_of_the_tree_and_with_nothing_else(tmp
         (path.parent.parent / "images/t.png", b"IEND", b"IENE"),
     ]:
         file.write_bytes(file.read_bytes().replace(old, new))
-        (changed,) = mesh_digests([path])
+        (changed,) = mesh_identities([path])
         assert changed not in seen
         seen.add(changed)
-    assert mesh_digests([copy]) == [first]
+    assert mesh_identities([copy]) == [first]
 
 
 def test_a_mesh_edited_in_place_with_the_same_size_is_drawn_anew(tmp_path: Path) -> None:

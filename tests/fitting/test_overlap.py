@@ -204,3 +204,9 @@ def test_a_fit_of_a_volume_compares_what_is_drawn_of_it():
         fit = FitPipeline(Ball(), {"look": energy}, start, LevenbergMarquardt(), num_starts=2, num_steps=10)
         found = fit(Observation(target), seed=0).values["radius"]
         torch.testing.assert_close(found, torch.tensor([0.6, 0.4]), rtol=0, atol=1e-3)
+
+
+def test_a_weight_that_is_no_number_makes_its_row_none():
+    weight = torch.ones(1, 1, 32, 32)
+    weight[..., 3, 3] = torch.nan
+    assert evaluate(L2(), Observation(picture()[None], weight=weight), rows(STILL)).energy.isnan().all()

@@ -68,7 +68,7 @@ def test_depth_fixes_distance_and_size_of_an_object_larger_than_its_kind() -> No
     found = model.pose(view.image, mask=mask, intrinsics=INTRINSICS, depth=depth)
     assert found.size_from == "depth"
     assert np.linalg.norm(found.translation - np.array([0.12, -0.06, 0.9])) < 0.04
-    assert found.translation[2] == pytest.approx(0.9, abs=0.01)
+    assert found.translation[2] == pytest.approx(0.9, abs=0.02)
     assert np.linalg.norm(found.size) == pytest.approx(diagonal, rel=0.15)
     colour = model.pose(view.image, mask=mask, intrinsics=INTRINSICS)
     assert colour.size_from == "mean size"

@@ -179,10 +179,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "empty").mkdir()
     for number in range(2):
         shutil.copy(folder / "photo.png", folder / f"frames/{number}.png")
-    bundled = Path(kfit.models.__file__).parent / "bundled"
-    for end in ("safetensors", "json"):
-        shutil.copy(bundled / f"bowl.{end}", folder / f"own.{end}")
-        shutil.copy(bundled / f"bowl.{end}", folder / f"cut.{end}")
+    shutil.copy(Path(kfit.models.__file__).parent / "bundled/bowl.safetensors", folder / "own.safetensors")
     (folder / "cut.safetensors").write_bytes((folder / "own.safetensors").read_bytes()[:5000])
     for end in ("", ".onnx", ".yaml", ".npy", ".ckpt", ".pkl", ".safetensors", ".pth", ".mp4"):
         (folder / f"garbage{end}").write_bytes(b"garb\0age")

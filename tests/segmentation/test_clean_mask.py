@@ -69,3 +69,19 @@ def test_soft_borders_stay_with_the_part_that_they_belong_to() -> None:
 
 def test_an_empty_mask_stays_empty() -> None:
     assert clean_mask(MASK * 0).mask.sum() == 0
+
+
+def test_small_holes_are_filled_and_a_handles_is_not() -> None:
+    mask = np.zeros((100, 100), np.float32)
+    mask[20:80, 20:80] = 1
+    mask[30, 30] = mask[50:53, 50:53] = 0
+    mask[40:60, 66:76] = 0  # a handle's
+    clean = clean_mask(mask).mask
+    assert clean[30, 30] == clean[51, 51] == 1
+    assert not clean[40:60, 66:76].any()
+
+
+def test_gaps_at_the_pictures_border_are_no_holes() -> None:
+    mask = np.ones((100, 100), np.float32)
+    mask[:3, 50:53] = 0
+    np.testing.assert_array_equal(clean_mask(mask).mask, mask)

@@ -18,24 +18,27 @@ def test_each_layout_is_told_by_its_shapes_whatever_the_names(tmp_path: Path) ->
 def test_another_layout_gets_a_sentence_on_what_was_found(tmp_path: Path) -> None:
     path = write(tmp_path / "a.onnx", [], [1, 3, 224, 224], {"logits": [1, 1000]}, {"logits_": ONES})
     with pytest.raises(
-        ValueError, match=r"a\.onnx has the layout of neither Mask R-CNN, YOLO-seg nor IS-Net"
+        ValueError, match=r"a\.onnx has the layout of neither Mask R-CNN, YOLO-seg, U²-Net nor IS-Net"
     ) as raised:
         load_segmenter(path)
     assert "in: image (1, 3, 224, 224) float; out: logits (1, 1000) float" in str(raised.value)
-    for kind, name in ((YoloSeg, "YOLO-seg"), (MaskRCNN, "Mask R-CNN"), (SalientObject, "IS-Net")):
-        with pytest.raises(ValueError, match=f"has not {name}'s layout"):
+    for kind, sentence in (
+        (YoloSeg, "has not YOLO-seg's layout"),
+        (MaskRCNN, "has not Mask R-CNN's layout"),
+        (SalientObject, "has the layout of neither U²-Net nor IS-Net"),
+    ):
+        with pytest.raises(ValueError, match=sentence):
             kind(OnnxNetwork(path))
 
 
-def test_yolov5s_layout_and_another_size_of_is_net_are_others(tmp_path: Path) -> None:
+def test_yolov5s_layout_is_another(tmp_path: Path) -> None:
     found = np.ones((1, 300, 40), np.float32)
     pool = [("AveragePool", ["image"], "output1", {"kernel_shape": [2, 2], "strides": [2, 2]})]
     five = write(
         tmp_path / "a.onnx", pool, [1, 3, 64, 64], {"output0": list(found.shape), "output1": None}, {"output0_": found}
     )
-    for path in (five, is_net(tmp_path / "b.onnx", side=320)):
-        with pytest.raises(ValueError, match="has the layout of neither"):
-            load_segmenter(path)
+    with pytest.raises(ValueError, match="has the layout of neither"):
+        load_segmenter(five)
 
 
 @pytest.mark.parametrize(
@@ -43,7 +46,7 @@ def test_yolov5s_layout_and_another_size_of_is_net_are_others(tmp_path: Path) ->
     [
         ([1, 1, 64, 64], r"does not take one RGB picture, .* \(in: image \(1, 1, 64, 64\) float; out: logits"),
         ([8, 3, 64, 64], "does not take one RGB picture"),
-        ([1, 64, 64, 3], "does not take one RGB picture"),
+        ([2, 64, 64, 3], "does not take one RGB picture"),
         ([10], "does not take one RGB picture"),
         ([1, 3, 100_000, 100_000], "takes pictures of more than 4096 pixels a side"),
     ],

@@ -4,8 +4,12 @@ import cv2
 import numpy as np
 import pytest
 from onnx_files import is_net, overlap, scene
+from skimage.data import coffee
 
 from kfit.segmentation import SalientObject, load_segmenter, read_photo
+from kfit.segmentation.salient_object import U2NET
+
+COFFEE_MASK = Path(__file__).parents[2] / "examples/coffee_mask.png"
 
 
 def test_what_stands_out_in_the_box_is_found(tmp_path: Path) -> None:
@@ -47,6 +51,26 @@ def test_numbers_beyond_one_are_no_mask(tmp_path: Path) -> None:
     segmenter = load_segmenter(is_net(tmp_path / "a.onnx", gain=8.0))
     with pytest.raises(ValueError, match=r"a\.onnx gave numbers from 0\.00 to 8\.00, not a mask in \[0, 1\]"):
         segmenter(scene()[0], "mug", (50, 30, 80, 80))
+
+
+@pytest.mark.parametrize("side", [64, 320, 512])
+def test_a_smaller_picture_is_u2_nets_whose_mask_is_stretched(tmp_path: Path, side: int) -> None:
+    image, disc = scene()
+    segmenter = load_segmenter(is_net(tmp_path / "a.onnx", side=side, gain=0.45))
+    assert isinstance(segmenter, SalientObject)
+    assert overlap(segmenter(image, "mug", (50, 30, 80, 80)).mask, disc) > 0.95
+
+
+def test_u2_net_finds_nothing_where_nothing_stands_out() -> None:
+    segmenter = load_segmenter(U2NET)
+    with pytest.raises(ValueError, match="nothing stands out"):
+        segmenter(np.full((100, 200, 3), 0.5, np.float32), "mug", (50, 30, 80, 60))
+
+
+def test_the_bundled_u2_net_cuts_out_the_cup_of_coffee() -> None:
+    mask = load_segmenter(U2NET)(coffee().astype(np.float32) / 255, "mug", (172, 18, 231, 288)).mask
+    drawn = read_photo(COFFEE_MASK).image[..., 0] > 0.5
+    assert overlap(mask, drawn) > 0.85
 
 
 @pytest.mark.slow

@@ -1,0 +1,114 @@
+"""Arguments of `kfit pose`."""
+
+from __future__ import annotations
+
+from jsonargparse import ArgumentParser
+
+from kfit.cli.category_names import SPOKEN
+from kfit.cli.photo_files import path_name
+
+
+def parser() -> ArgumentParser:
+    """Arguments of ``kfit pose``."""
+    parser = ArgumentParser(
+        description="Find the poses of the bottles, bowls, cameras, cans, laptops and mugs in a photo, without CAD "
+        "models of them: writes DIR/pose.json and DIR/overlay.png and prints a line, or a table of several objects.",
+        epilog="""examples:
+  kfit pose photo.jpg
+  kfit pose photo.jpg --category mug --box 120 80 300 260
+  kfit pose holiday/ --category cup --segmenter yolo11n-seg.onnx
+  kfit pose cutout.png --category laptop --intrinsics 1450 1450 960 540 --json""",
+    )
+    parser.add_argument(
+        "photo",
+        type=path_name,
+        nargs="+",
+        help="picture files, or folders of them; an alpha channel, if any, tells where the object is",
+    )
+    thing = parser.add_argument_group("what and where the object is, where not all of them are meant")
+    thing.add_argument(
+        "--category", type=str, default=None, metavar="NAME", help=f"look for these alone, one of {SPOKEN}"
+    )
+    thing.add_argument(
+        "--model", type=str, default=None, metavar="FILE.safetensors", help="a model of your own, instead of --category"
+    )
+    thing.add_argument(
+        "--mask",
+        type=str,
+        default=None,
+        metavar="FILE",
+        help="a picture of the photo's size, light on the object (default: the photo's alpha channel)",
+    )
+    thing.add_argument(
+        "--box",
+        type=float,
+        nargs=4,
+        default=None,
+        metavar=("X", "Y", "W", "H"),
+        help="box around the object in pixels",
+    )
+    thing.add_argument("--pick", action="store_true", help="list what was found, and ask which of it is meant")
+    thing.add_argument(
+        "--segmenter",
+        type=str,
+        default=None,
+        metavar="FILE.onnx",
+        help="a network of yours that finds objects, instead of kfit's: Mask R-CNN or YOLO-seg, or one that segments "
+        "what stands out, U²-Net or IS-Net",
+    )
+    camera = parser.add_argument_group("camera")
+    camera.add_argument(
+        "--intrinsics",
+        type=float,
+        nargs=4,
+        default=None,
+        metavar=("FX", "FY", "CX", "CY"),
+        help="focal lengths and centre in pixels (default: by the photo's EXIF tags, else estimated)",
+    )
+    camera.add_argument(
+        "--depth",
+        type=str,
+        default=None,
+        metavar="FILE",
+        help="depth in the photo's pixels, a 16-bit picture of millimetres or metres in a .npy file; it fixes "
+        "distance and size",
+    )
+    fit = parser.add_argument_group("fit")
+    fit.add_argument(
+        "--fit",
+        type=str,
+        default=None,
+        metavar="RECIPE.yaml",
+        help="fit as a recipe says, such as recipes/fit_released.yaml (default: kfit's own way); a recipe names Python "
+        "classes, so run one only of whom you trust, like a program",
+    )
+    fit.add_argument("--device", type=str, default="cpu", help="cpu, cuda or whatever PyTorch calls it")
+    fit.add_argument(
+        "--precision",
+        type=str,
+        default="32",
+        choices=["32", "bf16"],
+        help="bf16 draws by bfloat16 convolutions, a fifth faster on a CPU that has them; poses differ by 0.1° or so",
+    )
+    fit.add_argument("--seed", type=int, default=0, help="decides the random numbers")
+    output = parser.add_argument_group("output")
+    output.add_argument("--out", type=str, default="kfit_out", help="folder to write to", metavar="DIR")
+    output.add_argument("--json", action="store_true", help="print the JSON instead of the line")
+    output.add_argument(
+        "--report", type=str, default=None, metavar="FILE.html", help="write a page about the fit as well"
+    )
+    output.add_argument(
+        "--animation",
+        type=str,
+        default=None,
+        metavar="FILE.gif|FILE.mp4",
+        help="write what the drawing became from step to step as well",
+    )
+    output.add_argument(
+        "--mesh",
+        type=str,
+        default=None,
+        metavar="FILE.glb|FILE.obj|FILE.ply",
+        help="write the fitted object's surface as well, in metres about its centre",
+    )
+    return parser

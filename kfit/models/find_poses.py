@@ -1,0 +1,82 @@
+"""The poses of all objects in a photo."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from numpy.typing import NDArray
+from torch import Tensor
+
+from kfit.fitting.pipeline import FitPipeline
+from kfit.models.load import load
+from kfit.pose import CategoryModel, PoseResult
+from kfit.pose.inputs import as_photo
+from kfit.pose.object_finder import FoundObject
+from kfit.pose.targets import find_targets, with_score
+from kfit.segmentation import Box, Photo, Segmenter, load_segmenter, read_photo
+
+
+def find_poses(
+    image: str | Path | Photo | NDArray[Any],
+    category: str | CategoryModel | None = None,
+    *,
+    mask: NDArray[Any] | None = None,
+    box: Box | None = None,
+    intrinsics: NDArray[Any] | Tensor | None = None,
+    depth: NDArray[Any] | None = None,
+    segmenter: str | Path | Segmenter | None = None,
+    seed: int = 0,
+) -> list[PoseResult]:
+    """Find the poses of all bottles, bowls, cameras, cans, laptops and mugs in a photo.
+
+    Each answer tells its category and, as ``category_score``, how probable that category is by the object's look.
+
+    Args:
+        image: path of a photo, what `kfit.segmentation.read_photo` made of it, or (H, W, 3) RGB: uint8, or floating
+            point in [0, 1].
+        category: look for this one alone; a model of your own looks for its category.
+        mask: (H, W), above one half of its full scale on the one object that is meant.
+        box: left, top, width, height in pixels around the one object that is meant.
+        intrinsics: (3, 3) of the camera; by the file's EXIF tags, or a view of 60°, by default.
+        depth: (H, W) in metres along the camera's axis; what is not finite and above 0 is unknown.
+        segmenter: a network of yours for the masks, as an ONNX file or a `kfit.segmentation.Segmenter`.
+        seed: decides the random numbers.
+
+    Returns:
+        One answer an object, those seen best first; none where nothing is found.
+
+    Raises:
+        FileNotFoundError, ValueError: for a photo, mask, box, intrinsics or depth that cannot be used, in one
+            sentence.
+
+    >>> from skimage.data import coffee
+    >>> [cup] = find_poses(coffee())
+    >>> cup.category
+    'mug'
+    """
+    if isinstance(image, Photo):
+        photo = image
+    else:
+        photo = read_photo(image) if isinstance(image, str | Path) else Photo(as_photo(image))
+    model = category if isinstance(category, CategoryModel) else None
+    name = category if not isinstance(category, CategoryModel) else category.card.category
+    known = load_segmenter(segmenter) if isinstance(segmenter, str | Path) else segmenter
+    targets = find_targets(photo, name, mask, box, known)
+    return [pose_of(model or load(target.category), photo, target, intrinsics, depth, seed=seed) for target in targets]
+
+
+def pose_of(
+    model: CategoryModel,
+    photo: Photo,
+    target: FoundObject,
+    intrinsics: NDArray[Any] | Tensor | None = None,
+    depth: NDArray[Any] | None = None,
+    seed: int = 0,
+    pipeline: Callable[[CategoryModel], FitPipeline] | None = None,
+) -> PoseResult:
+    """The pose of one object that was found; ``pipeline`` makes another fit than the model's own."""
+    fit = None if pipeline is None else pipeline(model)
+    answer = model.pose(photo, intrinsics=intrinsics, depth=depth, segmenter=target, seed=seed, pipeline=fit)
+    return with_score(answer, target)
