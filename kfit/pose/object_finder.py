@@ -150,18 +150,21 @@ class ObjectFinder:
         Args:
             image: (H, W, 3), RGB in [0, 1].
             boxes: (N, 4) left, top, right, bottom in pixels.
-            scores: (N, 23) of the detector, where it has seen the photo.
+            scores: (N, 23) of the detector there; it looks at the photo where they are not given.
         """
         if not len(boxes):
             return np.zeros((0, len(NAMES)))
         with torch.no_grad():
             seen = _classifier()(torch.stack([object_square(image, box, MARGIN) for box in boxes]))
         logits = seen.double().numpy()
-        if scores is not None:
-            for category, classes in (DETECTED | {NONE: LIVING}).items():
-                score = scores[:, [CLASSES.index(name) for name in classes]].max(1)
-                weight = LIVING_WEIGHT if category == NONE else DETECTOR_WEIGHT
-                logits[:, NAMES.index(category)] += weight * np.log(np.maximum(score, SILENT) / SILENT)
+        if scores is None:
+            proposals = self._detector(image)
+            near = iou(np.asarray(boxes), proposals.boxes) > SAME
+            scores = np.stack([proposals.scores[row].max(0, initial=0) for row in near])
+        for category, classes in (DETECTED | {NONE: LIVING}).items():
+            score = scores[:, [CLASSES.index(name) for name in classes]].max(1)
+            weight = LIVING_WEIGHT if category == NONE else DETECTOR_WEIGHT
+            logits[:, NAMES.index(category)] += weight * np.log(np.maximum(score, SILENT) / SILENT)
         shares = np.exp(logits - logits.max(1, keepdims=True))
         return np.asarray(shares / shares.sum(1, keepdims=True), np.float64)
 

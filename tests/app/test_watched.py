@@ -22,6 +22,7 @@ def seen(drawn_mug):
     return Photo(drawn_mug[..., :3].astype(np.float32) / np.float32(255)), (drawn_mug[..., 3] > 0).astype(np.float32)
 
 
+@pytest.mark.slow
 def test_each_step_is_told_once_and_the_answer_is_that_of_an_unwatched_fit(model, seen):
     *told, result = watched(model, *seen)
     assert [drawn.step for drawn in told] == list(range(17))

@@ -66,6 +66,7 @@ def test_one_method_is_printed_and_written(tmp_path, capsys):
     assert imread(tmp_path / "out/curves.png").std() > 0
 
 
+@pytest.mark.slow
 def test_folders_are_methods_and_files_are_one(tmp_path, capsys):
     near, far = write_results(tmp_path / "near", 3, 1), write_results(tmp_path / "far", 20, 8)
     main(["evaluate", str(near), *map(str, far.iterdir()), "--out", str(tmp_path / "out")])

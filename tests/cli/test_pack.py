@@ -37,6 +37,7 @@ def packed(checkpoint: Path) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_a_packed_released_model_draws_and_reads_what_the_checkpoint_does(checkpoint: Path, packed: Path) -> None:
     model, (generator, encoder) = kfit.load(packed), load_released(checkpoint)
     values = {"code": torch.randn(2, 16), "azimuth": torch.tensor([0.3, 2.0]), "elevation": torch.tensor([0.1, 0.8])}
@@ -47,6 +48,7 @@ def test_a_packed_released_model_draws_and_reads_what_the_checkpoint_does(checkp
     assert model.drawn == {"image"}
 
 
+@pytest.mark.slow
 def test_its_card_names_what_the_checkpoint_does_not_hold(packed: Path) -> None:
     card, model = read_card(packed), kfit.load(packed)
     assert (card.category, card.axes, card.calibration) == ("laptop", "y up, screen facing +x", {})

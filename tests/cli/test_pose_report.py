@@ -28,6 +28,7 @@ def files(folder: Path) -> list[str]:
     return sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
 
 
+@pytest.mark.slow
 def test_page_and_animation_are_written_where_they_are_asked_for(
     cutout: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -62,6 +63,7 @@ def test_another_suffix_is_refused_before_anything_is_fitted(
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_all_files_are_written_or_none(cutout: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def fails(result: object, path: Path) -> None:
         raise OSError("no space left")

@@ -40,7 +40,7 @@ def test_a_window_that_has_no_middle_is_refused(window_size):
         SSIM(window_size)
 
 
-def test_pictures_and_volumes_smaller_than_half_the_window_are_refused_in_a_sentence():
+def test_pictures_and_volumes_smaller_than_half_the_window_are_refused():
     x = torch.rand(1, 3, 6, 6)
     assert SSIM()(x, x) == 0
     with pytest.raises(ValueError, match=r"target must be at least 6 pixels along each side, got \(5, 5\)"):

@@ -124,7 +124,7 @@ def test_a_part_shows_its_settings(part, shown):
     assert shown in repr(part)
 
 
-def test_a_subclass_of_ones_own_shows_what_it_was_given_and_not_what_it_gave_its_base():
+def test_a_subclass_shows_its_own_arguments_and_not_its_base_s():
     class Half(SSIM):
         def __init__(self, share=0.5):
             super().__init__(window_size=5)

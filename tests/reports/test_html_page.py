@@ -129,12 +129,15 @@ def test_report_writes_the_page_and_tells_where(tmp_path: Path) -> None:
     assert [path.name for path in place.parent.iterdir()] == ["out.html"]
 
 
+@pytest.mark.slow
 def test_an_answer_from_a_fit_of_several_objects_has_a_page_of_its_own() -> None:
     alone = fitted_mug()
     model, found = kfit.load("mug"), fitted_mug().observation
     other = Observation(found.field("image").flip(3), found.field("mask").flip(3))
     both = Observation(
-        *(torch.cat([one.field(name) for one in (other, found)]) for name in ("image", "mask")), keys=(1, 0)
+        *(torch.cat([one.field(name) for one in (other, found)]) for name in ("image", "mask")),
+        intrinsics=found.field("intrinsics").repeat(2, 1, 1),
+        keys=(1, 0),
     )
     observed = ObservedObject.of(alone.image, "mug", 64, mask=alone.mask)
     pipeline = model.pipeline(STARTS, STEPS, [Pruning({PRUNED_AT: KEPT})])

@@ -83,6 +83,7 @@ def arguments() -> dict[str, dict]:
         },
         "FromDepth": {"generator": small["generator"], "initializers": []},
         "GaussNewton": {"lengths": {"code": 1.0}},
+        "LensPrior": {"diagonal": 0.2, "unit_fraction": 1.0},
         "Light": {"ambient": np.ones(3), "directions": np.zeros((0, 3)), "colors": np.zeros((0, 3))},
         "Linear": {"start": 1.0, "end": 0.0},
         "MeshRenderer": {

@@ -54,8 +54,9 @@ def test_a_card_that_names_an_old_path_finds_its_class(monkeypatch):
 
 def test_a_training_recipe_and_words_with_old_paths_are_read(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("sys.argv", ["lightning"])
-    model = {"class_path": "kfit.training.PoseTraining"}
-    model["init_args"] = {"pose_head": {"class_path": "kfit.generators.PoseHead"}, "jitter": "kfit.training.Jitter"}
+    model = {"class_path": "kfit.training.CoordinateTraining"}
+    regressor = {"class_path": "kfit.baselines.CoordinateRegressor"}
+    model["init_args"] = {"regressor": regressor, "jitter": "kfit.training.Jitter"}
     recipe = tmp_path / "old.yaml"
     recipe.write_text(json.dumps({"model": model, "data": {"class_path": "kfit.data.ViewsDataModule"}}))
     with pytest.raises(SystemExit):
@@ -68,7 +69,7 @@ def test_a_training_recipe_and_words_with_old_paths_are_read(tmp_path, monkeypat
 def test_hyperparameters_of_a_checkpoint_with_old_paths_are_read():
     parser = _Parser(exit_on_error=False)
     parser.add_subclass_arguments(LightningModule, "model")
-    head = {"class_path": "kfit.generators.PoseHead"}
-    saved = {"pose_head": head, "jitter": {"class_path": "kfit.training.Jitter", "init_args": {"roll_deg": 3.0}}}
-    read = parser.parse_object({"model": {"class_path": "kfit.training.PoseTraining", "init_args": saved}})
+    regressor = {"class_path": "kfit.baselines.CoordinateRegressor"}
+    saved = {"regressor": regressor, "jitter": {"class_path": "kfit.training.Jitter", "init_args": {"roll_deg": 3.0}}}
+    read = parser.parse_object({"model": {"class_path": "kfit.training.CoordinateTraining", "init_args": saved}})
     assert read["model.init_args.jitter.class_path"] == "kfit.training.RandomSimilarity"

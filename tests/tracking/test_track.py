@@ -57,6 +57,7 @@ def test_a_frame_draws_three_pictures(laptop, clip, monkeypatch):
     assert tracker.num_drawn == 3
 
 
+@pytest.mark.slow
 def test_an_object_that_is_lost_is_looked_for_anew(laptop, clip):
     tracker = Tracker(laptop, laptop.pose(clip.frames[0], mask=clip.masks[0] > 0.5, intrinsics=clip.intrinsics))
     asked = []

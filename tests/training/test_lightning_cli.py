@@ -181,6 +181,7 @@ SMALL = (
 )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_a_training_stops_early_and_is_validated_and_tested_without_noise(monkeypatch, tmp_path, told, capsys):
     monkeypatch.chdir(tmp_path)
     stop = ("--trainer.callbacks+=EarlyStopping", "--trainer.callbacks.monitor", "val/l1")
