@@ -80,7 +80,7 @@ BUILD = {
 }
 # Draws without gradients, in single precision: tests/generators/test_onnx_generator.py
 WITHOUT_GRADIENTS = {OnnxGenerator}
-# Draws by what it prepared for an observation: tests/pose/test_views.py
+# Draws by what it prepared for an observation: tests/pose/test_several_views.py
 WITH_CONTEXT = {MultiView}
 # Draws volumes: tests/generators/test_volume_template.py
 OF_VOLUMES = {VolumeTemplate}
