@@ -43,7 +43,11 @@ def corner_error(found, truth):
     [
         ("translation", {"shift": (3.4, -2.2, 1.6)}),
         ("euclidean", {"angles": (8.0, -12.0, 15.0), "shift": (2.0, -1.5, 1.0)}),
-        ("similarity", {"angles": (-6.0, 9.0, 4.0), "shift": (1.0, 2.0, -1.0), "scale": 1.1}),
+        pytest.param(
+            "similarity",
+            {"angles": (-6.0, 9.0, 4.0), "shift": (1.0, 2.0, -1.0), "scale": 1.1},
+            marks=pytest.mark.slow,
+        ),
         ("affine", {"angles": (5.0, 6.0, -7.0), "shift": (1.0, -1.0, 0.5), "scale": 0.95, "shear": 0.08}),
     ],
 )
@@ -64,7 +68,7 @@ def test_points_and_other_volumes_go_the_same_way():
         found.transform_points(points), transform_points(torch.linalg.inv(matrix), points), rtol=0, atol=0.1
     )
     inside = found.weight > 0.999
-    assert float((found.warp(volume()) - found.warped)[inside].abs().max()) < 1e-4
+    assert float((found.warp(volume()) - found.warped)[inside].abs().max()) < 1e-3
     assert float((found.warped - fixed)[inside & (mask > 0)].abs().mean()) < 0.01
 
 
