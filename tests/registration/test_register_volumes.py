@@ -7,7 +7,7 @@ from kornia.geometry.linalg import transform_points
 from kornia.geometry.transform import get_affine_matrix3d, warp_affine3d
 
 import kfit
-from kfit.energies import MSSSIM, NCC
+from kfit.energies import MSSSIM, NCC, MutualInformation
 
 SIZE = (24, 26, 28)
 
@@ -80,11 +80,12 @@ def test_gain_and_offset_of_a_volume_are_found_too():
     assert float(found.offset) == pytest.approx(0.3, abs=0.03)
 
 
-def test_other_energies_and_a_start_serve_volumes():
+@pytest.mark.parametrize("energy", [NCC(), MutualInformation()], ids=["NCC", "MutualInformation"])
+def test_other_energies_and_a_start_serve_volumes(energy):
     fixed, mask, matrix = moved(angles=(0.0, 10.0, 0.0), shift=(1.0, 0.0, 0.0))
     near = matrix.clone()
     near[:, :3, 3] += 1
-    found = kfit.register(volume(), fixed.square(), "euclidean", energy=NCC(), fixed_mask=mask, initial=near)
+    found = kfit.register(volume(), fixed.square(), "euclidean", energy=energy, fixed_mask=mask, initial=near)
     assert corner_error(found.matrix, matrix) < 0.5
 
 
