@@ -29,7 +29,7 @@ def two_views(directions=((0.6, 0.5), (1.5, 0.4))):
     return views, poses, poses @ torch.linalg.inv(poses[0])
 
 
-def test_the_reference_view_is_drawn_as_without_others_and_the_others_from_their_sides():
+def test_the_reference_view_is_drawn_as_alone_and_others_from_their_sides():
     torch.manual_seed(0)
     warped = SimilarityWarp(RadianceField(code_dim=3, volume_dims=(4, 3), num_samples=4, image_size=16)).double()
     camera = torch.tensor([[60.0, 0, 7.5], [0, 60.0, 7.5], [0, 0, 1]]).double()
