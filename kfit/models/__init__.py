@@ -4,7 +4,6 @@ from kfit.models.files import read_card, read_checkpoint, read_model, write_mode
 from kfit.models.find_poses import find_poses
 from kfit.models.load import bundled, load
 from kfit.models.released import load_released, released_values
-from kfit.models.released_model import released_model
 
 __all__ = [
     "bundled",
@@ -14,7 +13,6 @@ __all__ = [
     "read_card",
     "read_checkpoint",
     "read_model",
-    "released_model",
     "released_values",
     "write_model",
 ]

@@ -34,7 +34,7 @@ def pack(
         pose_head: a checkpoint of `kfit.training.PoseTraining`, or a model's file, whose head is taken.
         pose_weight: of the pose head in a fit, at least 0.
         command: the training command, for the card.
-        category: of a released checkpoint, which does not name it; see `kfit.models.released_model`.
+        category: of a released checkpoint, which does not name it; see `kfit.models.released_model.released_model`.
 
     Raises:
         FileNotFoundError: if a file is missing.

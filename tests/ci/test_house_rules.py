@@ -1,4 +1,4 @@
-"""Rules on tests that no linter knows: short files, names that can be read, and no two files of one name, which pytest cannot import."""
+"""Rules on tests that no linter knows: short files, readable names, and no two files of one name."""
 
 import re
 from collections import Counter
