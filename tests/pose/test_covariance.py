@@ -113,6 +113,16 @@ def test_errors_of_fits_to_noisy_pictures_have_this_covariance(monkeypatch: pyte
     torch.testing.assert_close(found / deviations[:, None] / deviations, sample, atol=0.1, rtol=0)
 
 
+@pytest.mark.parametrize("elevation", [math.pi / 2, -math.pi / 2, 3.0])
+def test_it_is_positive_definite_from_straight_above_too(elevation: float) -> None:
+    fit = fit_of()
+    for values in (fit.values, fit.all_values):
+        values["elevation"] = torch.full((1,), elevation)
+    for category in ("mug", "can"):
+        found = covariance(fit, category)
+        assert torch.linalg.eigvalsh(found / found.diagonal().outer(found.diagonal()).sqrt()).min() > 1e-6
+
+
 def test_it_grows_with_what_the_drawing_does_not_explain() -> None:
     clean, noisy = (covariance(fit_of(), noise=noise)[:3, :3].diagonal() for noise in (0.01, 0.04))
     assert (noisy > 4 * clean).all()
