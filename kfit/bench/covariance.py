@@ -42,4 +42,5 @@ def pose_offsets(model: CategoryModel, views: HeldOutViews, results: list[FitRes
 def squared_mahalanobis(offsets: Tensor, covariances: Tensor) -> Tensor:
     """δᵀ C⁻¹ δ (N,) of offsets (N, M) under covariances (N, M, M)."""
     solved = torch.linalg.solve(covariances, offsets)
-    return (offsets * solved).sum(1)
+    squared: Tensor = (offsets * solved).sum(1)
+    return squared

@@ -19,19 +19,20 @@ from kfit.pose.interpretation import FOCAL_LOG_SD
 from kfit.pose.observed_object import ObservedObject
 from kfit.pose.placement import placement
 
-# Differences: turns about the object's x, y and z axes in radians (unlike azimuth, elevation and roll, they are distinct
-# from straight above too), shift right and up in half-widths, and the logarithm of scale. Each moves the outline of an
-# object in a picture of 64 × 64 by about half a pixel.
+# Differences: turns about the object's x, y and z axes in radians (unlike azimuth, elevation and roll, they are
+# distinct from straight above too), shift right and up in half-widths, and the logarithm of scale. Each moves the
+# outline of an object in a picture of 64 × 64 by about half a pixel.
 STEPS = (0.03, 0.03, 0.03, 0.02, 0.02, 0.02)
-# Standard deviations of the same before anything is seen: angles even over the circle, which bounds what no pixel shows.
+# Standard deviations of the same before anything is seen: angles even over the circle, which bounds what no pixel
+# shows.
 ANGLE_SD = math.pi / 3**0.5
 PRIOR_SD = (ANGLE_SD, ANGLE_SD, ANGLE_SD, 0.5, 0.5, 0.5)
 # The linear theory is too small by this factor, because neighbouring pixels err together and the code is not exact.
-# With it the 95 % ellipsoid holds 67 of 70 truths whose rotations were found within 20°: `kfit.bench.covariance` on 40
-# table views each of unseen mugs and bottles (seed 7; mugs 32 of 35, bottles 35 of 35), and 71 of all 80.
+# With it the 95 % ellipsoid holds 66 of 70 truths whose rotations were found within 20°: `kfit.bench.covariance` on 40
+# table views each of unseen mugs and bottles (seed 7; mugs 32 of 35, bottles 34 of 35), and 70 of all 80.
 INFLATION = 1500.0
 # Standard deviation of the logarithm of a distance that depth or several cameras give. Of rendered mugs, with exact
-# depth and cameras, it was 0.006 (12 table views) and 0.003 (6 pairs of views); what real cameras add is assumed.
+# depth and cameras, it was 0.006 (12 table views) and 0.003 (8 pairs of views); what real cameras add is assumed.
 DISTANCE_LOG_SD = 0.02
 
 
