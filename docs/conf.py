@@ -49,7 +49,7 @@ autodoc_default_options = {
 }
 autodoc_inherit_docstrings = False  # a contract is told once, in kfit.core
 autodoc_typehints_format = "short"
-autodoc_preserve_defaults = True
+autodoc_preserve_defaults = False  # it fails on signatures that functions are given
 add_module_names = False
 python_maximum_signature_line_length = 88
 napoleon_numpy_docstring = False
@@ -60,8 +60,10 @@ napoleon_custom_sections = [("Attributes", "params_style")]
 autosummary_ignore_module_all = False
 # Names of other projects, whose pages are not at hand where there is no network, and of kfit's own inner types.
 nitpick_ignore_regex = [
-    ("py:.*", r"(torch|numpy|np|lightning|jsonargparse|pathlib|collections|contextlib)\..*"),
-    ("py:class", r"kfit\.(core\.frozen\.Module|geometry\.pose\.Angles)"),
+    ("py:.*", r"(torch|torchmetrics|numpy|np|lightning|jsonargparse|pathlib|collections|contextlib)\..*"),
+    # Types in signatures whose modules are imported for type checkers alone.
+    ("py:class", r"nn\.Module|NDArray|Path|PhotoLike|Tensor|Trimesh"),
+    ("py:class", r"kfit\.(core\.frozen\.Module|core\.part\.Part|geometry\.pose\.Angles|generators\.surface\.Surface)"),
     ("py:class", r"kfit\.pose\.(hypotheses\.PoseHypotheses|confidence\.Calibration|observed_object\.ObservedObject)"),
     ("py:class", r"kfit\.(data\.nocs_models\.NOCSModel|training\.training\.Training)"),
 ]

@@ -14,7 +14,7 @@ FLOORS = [
     ("many photos", BLUE, ["batch"]),
     ("use answers", BLUE, ["models", "tracking", "reports"]),
     ("photo to answer, training", ORANGE, ["pose", "training"]),
-    ("rivals of the paper", ORANGE, ["baselines"]),
+    ("rivals of the paper, registration", ORANGE, ["baselines", "registration"]),
     ("the pipeline", GREEN, ["fitting"]),
     ("parts, one a file", GREEN, ["generators", "energies", "initializers", "optimizers"]),
     ("", GREEN, ["selectors", "callbacks", "features"]),

@@ -129,7 +129,7 @@ class Energy(Part, nn.Module, ABC):
     ) -> Tensor:
         """``compare(prediction, prepare(target, weight))``, checked, for other tasks such as trainings.
 
-        Under ``torch.autocast`` it computes in single precision, unless it is `mixed`. ``reduction`` "none" gives
+        Under ``torch.autocast`` it computes in single precision, unless it is ``mixed``. ``reduction`` "none" gives
         energies (N,), "mean" and "sum" one number.
         """
         self.check(target, weight)

@@ -35,10 +35,13 @@ class Part:
         )
 
     def extra_repr(self) -> str:
-        """All settings, as in the call of the constructor; a module shows those that are modules by itself."""
+        """All settings, as in the call of the constructor; a module shows those that are modules below itself."""
         parameters = inspect.signature(type(self)).parameters.values()
         known = {p.name: self.settings.get(p.name, p.default) for p in parameters if p.kind is not p.VAR_KEYWORD}
-        shown = {name: value for name, value in known.items() if not isinstance(value, nn.Module)}
+        if isinstance(self, nn.Module):
+            shown = {name: value for name, value in known.items() if not isinstance(value, nn.Module)}
+        else:  # the modules of another part are long to show
+            shown = {n: Unwritable(type(v)) if isinstance(v, nn.Module) else v for n, v in known.items()}
         return ", ".join(f"{name}={value!r}" for name, value in shown.items() if value is not inspect.Parameter.empty)
 
 

@@ -16,6 +16,7 @@ A class whose construction is costly, as `kfit.energies.LPIPS` and those on netw
 from __future__ import annotations
 
 import inspect
+import re
 from collections.abc import Callable
 from typing import Any, Protocol
 
@@ -89,7 +90,9 @@ def _document(name: str, function: Any, kind: type) -> None:
     own += [p.replace(kind=p.KEYWORD_ONLY) for p in settings]
     function.__signature__ = inspect.Signature(own, return_annotation="Tensor")
     function.__name__ = function.__qualname__ = name
-    function.__doc__ = inspect.getdoc(kind)
+    # Names of other energies are those of the classes, one module up.
+    text = inspect.getdoc(kind) or ""
+    function.__doc__ = re.sub(r"(?<!`)`([A-Z]\w+)`", r"`kfit.energies.\1`", text)
 
 
 l1 = _compared("l1", L1)

@@ -22,10 +22,11 @@ DISTANCE, DISTANCE_SPREAD = 0.63, 0.58
 class LensPrior(ResidualPrior):
     """How unlikely a focal length is among those of lenses, and by the distance at which it has the object.
 
-    E = ½ (log(φ / φ₀) / 0.4)² + ½ (log(t / 0.63 m) / 0.58)², t = D · `kfit.geometry.distance_by_focal`(φ / scale)
+    E = ½ (log(φ / φ₀) / 0.4)² + ½ (log(t / 0.63 m) / 0.58)², t = D · d(φ / scale)
 
-    with φ the focal length over the picture's width, φ₀ that of the observation's intrinsics, and D the category's mean
-    box diagonal. A short lens would have an object that fills the photo stand nearer than people hold a camera.
+    with φ the focal length over the picture's width, φ₀ that of the observation's intrinsics, D the category's mean box
+    diagonal, and d the function `kfit.geometry.distance_by_focal`. A short lens would have an object that fills the
+    photo stand nearer than people hold a camera.
 
     Shape: focal and scale (N,), energy (N,).
 

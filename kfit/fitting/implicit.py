@@ -25,7 +25,7 @@ def differentiable_answer(pipeline: FitPipeline, observation: Observation, resul
     Args:
         pipeline: that made the fit; the weights of its last step count.
         observation: that was fitted, with tensors that require gradients.
-        result: of `pipeline` for it.
+        result: of ``pipeline`` for it.
 
     Returns:
         The winners (B, \\*shape), moved by one Newton step, with gradients by the observation. A problem of which all

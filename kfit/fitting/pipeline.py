@@ -127,7 +127,7 @@ class FitPipeline(nn.Module):
         return super().train(False)
 
     def to_yaml(self) -> str:
-        """The recipe that ``kfit pose --fit`` and `kfit.pose.fit_of` read, as YAML; the generator is the model's.
+        """Return the recipe that ``kfit pose --fit`` and `kfit.pose.fit_recipe.fit_of` read, without the generator.
 
         A fit that is read from it gives the same numbers, bit by bit. Only what differs from the defaults is written.
 

@@ -17,8 +17,8 @@ class MetricDepth(Generator):
     section 4.1, "Results: Translation").
 
     depth = t · (1 + d / d₀), with d the depth behind the object's centre in box diagonals that the generator draws, and
-    d₀ = `kfit.geometry.distance_by_focal`(focal / scale) the distance of the camera in box diagonals: at t metres the
-    diagonal is D = t / d₀ metres, and depth = t + D · d.
+    d₀ the distance of the camera in box diagonals, which `kfit.geometry.distance_by_focal` gives for focal / scale: at
+    t metres the diagonal is D = t / d₀ metres, and depth = t + D · d.
 
     Adds the variable ``distance`` t (metres, above 0) and, to a generator without it, ``focal``, the focal length over
     the picture's width (above 0).

@@ -24,7 +24,7 @@ from kfit.pose.interpretation import interpret
 from kfit.pose.observed_object import ObservedObject
 from kfit.pose.placement import placement
 from kfit.pose.result import PoseResult
-from kfit.pose.views import Box, PhotoLike, observed_views, triangulated_diagonal
+from kfit.pose.views import Box, PhotoLike, are_several, observed_views, triangulated_diagonal
 from kfit.runtime.devices import safe_after_fork
 from kfit.segmentation import Segmenter
 
@@ -169,7 +169,7 @@ class CategoryModel:
             FileNotFoundError, ValueError: for a photo, mask, box, intrinsics or depth that cannot be used, in one
                 sentence.
         """
-        if isinstance(image, list | tuple):
+        if are_several(image):
             if depth is not None:
                 raise ValueError("depth and several photos were both given; a fit of several photos is of colour alone")
             seen, observation = observed_views(

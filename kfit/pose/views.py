@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, TypeGuard
 
 import torch
 from numpy.typing import NDArray
@@ -19,6 +19,11 @@ from kfit.segmentation import Photo, Segmenter, load_segmenter
 
 PhotoLike: TypeAlias = "str | Path | Photo | NDArray[Any]"
 Box: TypeAlias = tuple[float, float, float, float]
+
+
+def are_several(image: PhotoLike | Sequence[PhotoLike]) -> TypeGuard[Sequence[PhotoLike]]:
+    """Return whether an argument is a list of photos, rather than one photo given as lists of numbers."""
+    return isinstance(image, list | tuple) and not any(isinstance(one, list | tuple | int | float) for one in image)
 
 
 def observed_views(

@@ -53,7 +53,7 @@ def test_what_goes_wrong_in_the_fit_is_raised_where_it_is_watched(model, seen, m
             raise FitError("every start failed")
 
     usual = model.pipeline
-    monkeypatch.setattr(model, "pipeline", lambda: usual(callbacks=[Broken()]))
+    monkeypatch.setattr(model, "pipeline", lambda **settings: usual(callbacks=[Broken()], **settings))
     with pytest.raises(FitError, match="every start failed"):
         list(watched(model, *seen))
 

@@ -83,7 +83,7 @@ def test_its_pose_is_what_the_released_code_reports(packed: Path) -> None:
 
 def test_kfit_pose_fits_with_it(packed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     whole = kfit.pose.CategoryModel.pipeline
-    monkeypatch.setattr(kfit.pose.CategoryModel, "pipeline", lambda self, depth=False: whole(self, 2, 2, depth=depth))
+    monkeypatch.setattr(kfit.pose.CategoryModel, "pipeline", lambda self, **how: whole(self, 2, 2, **how))
     picture = np.random.default_rng(0).integers(0, 255, (80, 90, 3), np.uint8)
     mask = np.zeros((80, 90), np.uint8)
     mask[10:70, 15:75] = 255

@@ -79,7 +79,7 @@ BUILD = {
 }
 # Draws without gradients, in single precision: tests/generators/test_onnx_generator.py
 WITHOUT_GRADIENTS = {OnnxGenerator}
-# Draws by what it prepared for an observation: tests/pose/test_views.py
+# Draws by what it prepared for an observation: tests/pose/test_several_views.py
 WITH_CONTEXT = {MultiView}
 IN_DEPTH_ALONE = {"distance"}  # variables that neither colour nor mask show
 SMALL = {"rotation": 0.03, "translation": 0.1, "roll": 0.2, "shift": 0.1, "scale": 0.1, "corners": 0.1}

@@ -29,7 +29,7 @@ def two_views(directions=((0.6, 0.5), (1.5, 0.4))):
     return views, poses, poses @ torch.linalg.inv(poses[0])
 
 
-def test_the_reference_view_is_drawn_as_without_others_and_the_others_from_their_sides():
+def test_the_reference_view_is_drawn_as_it_is_without_others():
     torch.manual_seed(0)
     warped = SimilarityWarp(RadianceField(code_dim=3, volume_dims=(4, 3), num_samples=4, image_size=16)).double()
     camera = torch.tensor([[60.0, 0, 7.5], [0, 60.0, 7.5], [0, 0, 1]]).double()
@@ -64,6 +64,21 @@ def test_the_reference_view_is_drawn_as_without_others_and_the_others_from_their
     turned = {name: value[1:] for name, value in level.items()}
     turned["azimuth"] = turned["azimuth"] + 0.7
     torch.testing.assert_close(drawn.image[3:], warped(**turned).image, rtol=0, atol=1e-6)
+
+
+def test_a_view_through_a_lens_twice_as_long_is_drawn_twice_as_large():
+    torch.manual_seed(0)
+    warped = SimilarityWarp(RadianceField(code_dim=3, volume_dims=(4, 3), num_samples=4, image_size=16)).double()
+    cameras = torch.tensor([[60.0, 0, 7.5], [0, 60.0, 7.5], [0, 0, 1]]).double().repeat(1, 2, 1, 1)
+    cameras[0, 1, :2, :2] *= 2
+    values = {name: torch.zeros(1, *variable.shape).double() for name, variable in warped.variables.items()}
+    # The reference's focal length is the fit's to change, and the other's follows.
+    values |= {"scale": torch.tensor([0.5]).double(), "focal": torch.tensor([5.0]).double()}
+    context = {"intrinsics": cameras, "trans_cam_ref": torch.eye(4).double().expand(1, 2, 4, 4)}
+    drawn = MultiView(warped, 16, 1.0)(**values, diagonal=torch.tensor([0.2]).double(), **context).image
+    twice = values | {"scale": 2 * values["scale"], "focal": 2 * values["focal"]}
+    expected = torch.cat([warped(**values).image, warped(**twice).image])
+    torch.testing.assert_close(drawn, expected, rtol=0, atol=1e-6)
 
 
 @pytest.mark.slow
