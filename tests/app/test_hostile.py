@@ -97,7 +97,7 @@ def test_a_served_page_gives_out_and_takes_in_only_its_own(tmp_path):
             status, content = upload(address, name)
             assert status == 200
             assert all(path.startswith(f"{held}/") and ".." not in path.split("/") for path in json.loads(content))
-        assert upload(address, b"large.png", b"\0" * (21 << 20))[0] == 413
+        assert upload(address, b"large.png", b"\0" * (65 << 20))[0] == 413
         assert {path for path in tmp_path.rglob("*.png") if not path.is_relative_to(held)} == {outside}
         for headers in ({"Origin": "http://example.org"}, {"Origin": "null"}):
             assert upload(address, b"a.png", **headers)[0] == 403
