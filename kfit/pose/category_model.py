@@ -16,6 +16,7 @@ from kfit.fitting.pipeline import FitPipeline
 from kfit.generators import ExtentsHead, RadianceField, SimilarityWarp
 from kfit.geometry import PoseNetwork, to_opencv
 from kfit.pose.card import Card
+from kfit.pose.covariance import pose_covariance
 from kfit.pose.default_fit import default_fit
 from kfit.pose.defaults import default_energies
 from kfit.pose.hypotheses import fitted_rotations, hypotheses_of
@@ -241,4 +242,5 @@ class CategoryModel:
         generator, surface = self.generator, None
         if isinstance(generator, RadianceField):
             surface = partial(generator.surface, fit.values["code"][0].to(self.device))
-        return interpret(self.card.category, fit, seen, placed, hypotheses, drawing, self.draw, surface)
+        covariance = partial(pose_covariance, fit, seen, self.card, self.draw)
+        return interpret(self.card.category, fit, seen, placed, hypotheses, drawing, self.draw, covariance, surface)

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 from torch import Tensor
 
 from kfit.core import FitResult, Rendering, Variables
@@ -35,6 +36,7 @@ def interpret(
     hypotheses: PoseHypotheses,
     drawing: Tensor,
     draw: Callable[[Variables], Rendering],
+    find_covariance: Callable[[], NDArray[np.float64]],
     surface: Callable[[], Surface] | None = None,
 ) -> PoseResult:
     """Make the answer of one problem's fit.
@@ -47,6 +49,7 @@ def interpret(
         hypotheses: its poses, and how sure the first of them is.
         drawing: (S, S, 3) of the winner.
         draw: renders values of the fit.
+        find_covariance: of the winner's pose.
         surface: finds the fitted object's surface.
     """
     rotation, translation, size = placed
@@ -84,6 +87,7 @@ def interpret(
         drawing=drawing.numpy(),
         fit=fit,
         draw=draw,
+        find_covariance=find_covariance,
         surface=surface,
     )
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -63,6 +64,7 @@ class PoseResult:
         drawing: (S, S, 3) the winner's picture.
         fit: everything about the fit.
         draw: draws N values of the fit, such as those of a start over the steps.
+        find_covariance: computes `covariance`.
         category_score: probability in [0, 1] that the object is of the category, by its look; None where nothing
             checked it.
         surface: finds the fitted object's surface; None where the model's generator has none.
@@ -89,6 +91,7 @@ class PoseResult:
     drawing: NDArray[np.float32] = field(repr=False)
     fit: FitResult = field(repr=False)
     draw: Callable[[Variables], Rendering] = field(repr=False)
+    find_covariance: Callable[[], NDArray[np.float64]] = field(repr=False)
     category_score: float | None = None
     surface: Callable[[], Surface] | None = field(default=None, repr=False)
 
@@ -99,6 +102,27 @@ class PoseResult:
             0
         ].numpy()
         return quaternion if quaternion[0] >= 0 else -quaternion
+
+    @cached_property
+    def covariance(self) -> NDArray[np.float64]:
+        """Covariance (6, 6) of the pose: positive definite, of (ω, τ), both in the photo's camera (OpenCV axes).
+
+        The true pose is R = exp([ω]×) · ``rotation`` and t = ``translation`` + τ: ω is a rotation vector in radians,
+        applied on the left, about the camera's axes through the object's centre, and τ is in metres. Rotation comes
+        first: ``covariance[:3, :3]`` is in rad², ``covariance[3:, 3:]`` in m².
+
+        It adds what the drawing's pixels leave open near the answer, how far the surviving starts lie from it, the
+        focal length's deviation and, mostly along the viewing ray, the size's. `kfit.pose.covariance` has the formula
+        and says what it was measured on. It describes answers that are right or among the surviving starts:
+        ``confidence`` is the probability that the rotation is. Of 147 answers to held-out views that were right within
+        20°, 131 had the truth in the 95 % ellipsoid (mugs 60 of 75, bottles 71 of 72).
+
+        Of a symmetric object the turn about its vertical axis a = ``rotation[:, 1]`` is unobservable. The matrix holds
+        the variance π²/3 of an even distribution over the circle along (a, 0), and no correlation of it with others.
+
+        Computed at the first access, from seven drawings without a gradient.
+        """
+        return self.find_covariance()
 
     def mesh(self) -> Trimesh:
         """The fitted object's surface, with a colour at each vertex, in metres about the centre of its box, y up.
@@ -127,6 +151,7 @@ class PoseResult:
             "rotation": self.rotation.tolist(),
             "quaternion_wxyz": self.quaternion_wxyz.tolist(),
             "translation": self.translation.tolist(),
+            "covariance": self.covariance.tolist(),
             "size": self.size.tolist(),
             "size_from": self.size_from,
             "bbox_xywh": list(self.bbox_xywh),
