@@ -158,7 +158,7 @@ def test_an_angle_that_no_pixel_tells_is_even_over_the_circle() -> None:
     assert float(up @ found[:3, :3] @ up) == pytest.approx(ANGLE_SD**2, rel=0.02)
 
 
-def test_the_turn_about_a_symmetric_object_s_axis_is_even_and_correlates_with_nothing() -> None:
+def test_the_turn_about_a_symmetry_axis_is_even_and_uncorrelated() -> None:
     found = covariance(fit_of((0.5, 2.0), (1.0, 1.0)), "can")
     up = placement(fit_of().values, seen().crop, CAMERA, tiny_card("can"))[0][0, :, 1]
     axis = torch.cat([up, torch.zeros(3, dtype=torch.float64)])
