@@ -60,7 +60,7 @@ napoleon_custom_sections = [("Attributes", "params_style")]
 autosummary_ignore_module_all = False
 # Names of other projects, whose pages are not at hand where there is no network, and of kfit's own inner types.
 nitpick_ignore_regex = [
-    ("py:.*", r"(torch|torchmetrics|numpy|np|lightning|jsonargparse|pathlib|collections|contextlib)\..*"),
+    ("py:.*", r"(torch|torchmetrics|kornia|numpy|np|lightning|jsonargparse|pathlib|collections|contextlib)\..*"),
     # Types in signatures whose modules are imported for type checkers alone.
     ("py:class", r"nn\.Module|NDArray|Path|PhotoLike|Tensor|Trimesh"),
     ("py:class", r"kfit\.(core\.frozen\.Module|core\.part\.Part|geometry\.pose\.Angles|generators\.surface\.Surface)"),
