@@ -112,10 +112,10 @@ class PoseResult:
         first: ``covariance[:3, :3]`` is in rad², ``covariance[3:, 3:]`` in m².
 
         It adds what the drawing's pixels leave open near the answer, how far the surviving starts lie from it, the
-        focal length's deviation and, mostly along the viewing ray, the size's; the module ``kfit.pose.covariance`` has
-        the formula. It describes answers that are right or among the surviving starts; ``confidence`` tells whether
-        the rotation is right. Of 147 answers to held-out views that were right within 20°, 131 had the truth in the 95 %
-        ellipsoid (mugs 60 of 75, bottles 71 of 72).
+        focal length's deviation and, mostly along the viewing ray, the size's; the module ``kfit.pose.covariance``
+        has the formula. It describes answers that are right or among the surviving starts; ``confidence`` tells
+        whether the rotation is right. Of 147 answers to held-out views that were right within 20°, 131 had the truth
+        in the 95 % ellipsoid (mugs 60 of 75, bottles 71 of 72).
 
         Of a symmetric object the turn about its vertical axis a = ``rotation[:, 1]`` is unobservable. The matrix holds
         the variance π²/3 of an even distribution over the circle along (a, 0), and no correlation of it with others.
