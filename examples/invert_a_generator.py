@@ -18,6 +18,7 @@ from kfit.core import Observation
 from kfit.data import build, pose_view
 from kfit.energies import L1, SSIM, CodePrior
 from kfit.fitting import Cosine
+from kfit.generators import fixed_camera
 from kfit.initializers import Constant
 from kfit.optimizers import TorchOptimizer
 from kfit.reports.picture_table import picture_table
@@ -26,7 +27,7 @@ RATES = {"code": 0.25, "azimuth": 0.02, "elevation": 0.01}  # in half-turns for 
 mesh, light = build("laptop", 1_006_003, held_out=True)
 view = pose_view(mesh, 0.4, 0.3, light)
 image = torch.from_numpy(view.image).movedim(-1, 0)[None]
-generator = kfit.load("laptop").generator
+generator = fixed_camera(kfit.load("laptop").generator)
 
 pipeline = kfit.FitPipeline(
     generator,

@@ -212,10 +212,12 @@ def inversion(category: str, count: int, seed: int) -> Problem:
 
     from kfit.core import Observation
     from kfit.energies import L2
+    from kfit.generators import fixed_camera
     from kfit.initializers import Uniform
     from kfit.models import load
 
-    generator = load(category).generator.bind(azimuth=torch.tensor(0.6), elevation=torch.tensor(0.4))
+    field = fixed_camera(load(category).generator)
+    generator = field.bind(azimuth=torch.tensor(0.6), elevation=torch.tensor(0.4))
     code = torch.randn(count, *generator.variables["code"].shape, generator=torch.Generator().manual_seed(seed))
     with torch.no_grad():
         drawn = generator(code=code)

@@ -185,7 +185,8 @@ def view_of(views: HeldOutViews, number: int) -> Observation:
 
     rows = slice(number, number + 1)
     whole = views.observation
-    return Observation(whole.image[rows], whole.field("mask")[rows], keys=(number,))
+    image, mask, intrinsics = (whole.field(name)[rows] for name in ("image", "mask", "intrinsics"))
+    return Observation(image, mask, intrinsics=intrinsics, keys=(number,))
 
 
 def profiles(ways: list[Way], views: HeldOutViews) -> dict[str, Any]:

@@ -130,7 +130,7 @@ def test_a_bundled_model_is_exported_whole_and_its_warp_with_it(tmp_path: Path) 
     model = kfit.load("mug")
     main(["export", "mug", "--out", str(tmp_path)])
     export_generator(SimilarityWarp(model.generator), tmp_path / "warped.onnx")
-    given = pose(7, 16)
+    given = pose(7, 16) | {"focal": 2 + torch.rand(7)}
     image = torch.rand(7, 3, 64, 64)
     turned = {"roll": torch.randn(7), "shift": 0.2 * torch.randn(7, 2), "scale": 0.8 + 0.4 * torch.rand(7)}
     model.generator.train()  # looks at the whole box, as what is exported does
