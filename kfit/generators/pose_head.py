@@ -11,6 +11,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from kfit.core.check import check_choice, check_count, check_list, check_range, check_rising
+from kfit.generators.rotation_head import _bins, _convolution, _Residual
 from kfit.geometry import Symmetry
 from kfit.geometry.pose_network import PoseNetwork
 
@@ -56,8 +57,8 @@ class PoseHead(PoseNetwork):
         low, high = elevation_deg
         super().__init__(
             rolls=torch.zeros(1),
-            azimuths=_centres(-180, 180, 1 if symmetry == "y" else round(360 / bin_deg)),
-            elevations=_centres(low, high, max(1, round((high - low) / bin_deg))),
+            azimuths=_bins(-180, 180, 1 if symmetry == "y" else round(360 / bin_deg)),
+            elevations=_bins(low, high, max(1, round((high - low) / bin_deg))),
             symmetry=symmetry,
             sigma=math.radians(spread_deg),
         )
@@ -72,23 +73,3 @@ class PoseHead(PoseNetwork):
         said = self.say(self.look(2 * image - 1).flatten(1))
         said = said.to(torch.promote_types(said.dtype, torch.float32))  # autocast's halves are too coarse for a log
         return F.log_softmax(said, 1)
-
-
-class _Residual(nn.Module):
-    def __init__(self, dim: int) -> None:
-        super().__init__()
-        self.change = _convolution(dim, dim, 1)
-
-    def forward(self, x: Tensor) -> Tensor:
-        changed: Tensor = x + self.change(x)
-        return changed
-
-
-def _convolution(a: int, b: int, stride: int) -> nn.Sequential:
-    # The normalisation has the offset.
-    return nn.Sequential(nn.Conv2d(a, b, 3, stride, 1, bias=False), nn.BatchNorm2d(b), nn.LeakyReLU(0.2))
-
-
-def _centres(low_deg: float, high_deg: float, count: int) -> Tensor:
-    low, high = math.radians(low_deg), math.radians(high_deg)
-    return low + (high - low) * (torch.arange(count) + 0.5) / count

@@ -27,7 +27,7 @@ class RotationHead(PoseNetwork):
     shifts the distribution by a bin. Straight from above or below, where roll and azimuth cannot be told apart, the
     targets spread over all pairs that give the same rotation, because they depend on the rotation alone.
 
-    Five convolutions of stride 1 or 2 levels, each level with a residual convolution, then two linear layers.
+    A stride-2 convolution for each level, all but the first followed by a residual one, then two linear layers.
 
     Args:
         symmetry: of the category; with ``"y"`` azimuth is free and there is one bin of it.
