@@ -120,6 +120,7 @@ def arguments() -> dict[str, dict]:
         "VAE2D": {**dims, "decoder_dims": (4, 4)},
         "VAE3D": {**dims, "volume_dims": (4, 4), "projection_dim": 4, "decoder_dims": (4,)},
         "Variable": {"space": Positive()},
+        "VolumeTemplate": {"volume": torch.zeros(1, 1, 4, 4, 4)},
     }  # fmt: skip
 
 
