@@ -47,7 +47,7 @@ def page(sessions: Sessions) -> gr.Blocks:
                     other = gr.Button("Another photo", size="sm", min_width=120)
                     mask = gr.UploadButton("Upload a mask instead", file_types=ENDINGS, size="sm", min_width=120)
             with gr.Column(min_width=320):
-                category = gr.Radio(bundled(), label="What is it?")
+                category = gr.Radio(list(dict.fromkeys([*bundled(), *sessions.models])), label="What is it?")
                 fit = gr.Button("Fit", variant="primary", interactive=False)
                 view = gr.HTML(elem_classes=["kfit-plain", "kfit-view"])
                 with gr.Row(visible=False) as downloads:

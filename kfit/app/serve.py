@@ -8,7 +8,7 @@ import signal
 import socket
 import sys
 import webbrowser
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory, gettempdir
 from threading import Event
@@ -17,6 +17,7 @@ from typing import Any
 from kfit.app.session import Sessions
 from kfit.app.uploads import LARGEST_FILE
 from kfit.core.check import check_count
+from kfit.models import read_card
 
 LOOPBACK = ("127.0.0.1", "localhost")
 # Whatever the page's scripts try, the browser asks nobody but this server. Gradio builds its templates by `Function`.
@@ -58,12 +59,13 @@ class OnlySelf:
         await self.app(scope, receive, with_policy if scope["type"] == "http" else send)
 
 
-def serve(host: str, port: int | None) -> None:
+def serve(host: str, port: int | None, models: Sequence[str] = ()) -> None:
     """Serve the page until Ctrl-C; all that visitors handed in is deleted then.
 
     Args:
         host: address to listen at.
         port: the first that is free from 7860 unless given.
+        models: paths of models, each instead of the bundled one of its category.
 
     Raises:
         ImportError: where Gradio is not installed.
@@ -73,6 +75,7 @@ def serve(host: str, port: int | None) -> None:
     if port is not None:
         check_count("--port", port, 1, 65535)
     _check_host(host)
+    known = {read_card(path).category: path for path in models}
     os.environ.update(SWITCHES)
     remove_left(Path(gettempdir()))
     with TemporaryDirectory(prefix=f"{PREFIX}{os.getpid()}-") as folder:
@@ -89,7 +92,7 @@ def serve(host: str, port: int | None) -> None:
         middleware = [Middleware(OnlySelf)]
         if host in LOOPBACK:  # a name that a stranger points here is no name of this machine
             middleware.append(Middleware(TrustedHostMiddleware, allowed_hosts=list(LOOPBACK)))
-        blocks = page(Sessions(Path(folder)))
+        blocks = page(Sessions(Path(folder), known))
         try:
             _, address, _ = blocks.launch(
                 server_name=host,

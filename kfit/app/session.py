@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from collections import OrderedDict
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from pathlib import Path
 from tempfile import mkdtemp
@@ -34,13 +34,14 @@ class Session:
 
     Args:
         folder: of its own, deleted by `close`.
+        models: paths of models by the category that they serve, instead of a bundled one.
 
     Attributes:
         busy: whether a fit of it waits or runs, so that it makes room for no other.
     """
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
+    def __init__(self, folder: Path, models: Mapping[str, str] | None = None) -> None:
+        self.folder, self.models = folder, models or {}
         self.photo: Photo | None = None
         self.mask: NDArray[np.float32] | None = None
         self.targets: list[FoundObject] = []
@@ -74,7 +75,7 @@ class Session:
 
     def found(self) -> list[str]:
         """Names of what was found, each with its probability."""
-        return [f"{target.category} ({100 * target.score:.0f} %)" for target in self.targets]
+        return [target.words for target in self.targets]
 
     def choose(self, number: int) -> None:
         """Take what was found as number ``number``, from 0, for the object."""
@@ -133,7 +134,7 @@ class Session:
             raise ValueError("Choose what kind of object it is.")
         # The photo's own alpha channel is used as `kfit pose` does, which is not told of it.
         mask = self.mask if self._told else None
-        return self._checked(watched(_model(category), photo, mask), photo, category, mask)
+        return self._checked(watched(_model(self.models.get(category, category)), photo, mask), photo, category, mask)
 
     @staticmethod
     def _checked(
@@ -151,7 +152,8 @@ class Session:
         """The line that does the same in a terminal."""
         from shlex import join
 
-        return join(["kfit", "pose", self._name, "--category", category, *self._told])
+        which = ["--model", self.models[category]] if category in self.models else ["--category", category]
+        return join(["kfit", "pose", self._name, *which, *self._told])
 
     def write(self, result: PoseResult) -> tuple[Path, Path]:
         """Write what can be downloaded: report.html and pose.json, both or neither.
@@ -188,10 +190,11 @@ class Sessions:
 
     Args:
         folder: in which each gets a folder of its own.
+        models: paths of models by their category.
     """
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
+    def __init__(self, folder: Path, models: Mapping[str, str] | None = None) -> None:
+        self.folder, self.models = folder, models or {}
         self._open: OrderedDict[str, Session] = OrderedDict()
         self._lock = Lock()
 
@@ -202,7 +205,7 @@ class Sessions:
         """The visitor's session, a new one at the first call."""
         with self._lock:
             if visitor not in self._open:
-                self._open[visitor] = Session(Path(mkdtemp(prefix="session-", dir=self.folder)))
+                self._open[visitor] = Session(Path(mkdtemp(prefix="session-", dir=self.folder)), self.models)
             self._open.move_to_end(visitor)
             idle = [name for name, session in self._open.items() if not session.busy and name != visitor]
             for name in idle:
@@ -221,5 +224,5 @@ class Sessions:
 
 
 @lru_cache
-def _model(category: str) -> CategoryModel:
-    return load(category)
+def _model(model: str) -> CategoryModel:
+    return load(model)

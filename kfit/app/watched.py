@@ -86,7 +86,7 @@ def watched(model: CategoryModel, photo: Photo, mask: NDArray[np.float32] | None
     """
     told: SimpleQueue[Drawn | PoseResult | BaseException] = SimpleQueue()
     left = Event()
-    sighting = ObservedObject.of(photo, model.card.category, model.image_size, mask)
+    sighting = ObservedObject.of(photo, model.card.known, model.image_size, mask)
     seen = sighting.observation.image[0].movedim(0, -1).numpy()
     pipeline = model.pipeline(lens_known=sighting.lens_known)
     pipeline.callbacks.append(Watching(pipeline.generator, seen, told.put, left))  # type: ignore[arg-type]

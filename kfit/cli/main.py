@@ -11,7 +11,7 @@ from jsonargparse import ArgumentError, ArgumentParser, Namespace
 from kfit import __version__
 from kfit.bench import calibrate
 from kfit.bench import command as bench
-from kfit.cli import app, completion, evaluate, export, info, pack, pose, video
+from kfit.cli import app, compare, completion, evaluate, export, info, pack, pose, video, views
 from kfit.runtime.console import ENDINGS, add_general_options, session
 from kfit.runtime.help_page import HelpPage, tree
 from kfit.runtime.parse_errors import sentence
@@ -27,6 +27,8 @@ COMMANDS = {
     "video": video,
     "app": app,
     "evaluate": evaluate,
+    "views": views,
+    "compare": compare,
     "pack": pack,
     "calibrate": calibrate,
     "export": export,

@@ -1,5 +1,6 @@
 """Data: procedural objects, meshes, a rasterizer, views in HDF5 and the LightningDataModule that serves them."""
 
+from kfit.data.category_files import read_category
 from kfit.data.datamodule import ViewsDataModule
 from kfit.data.mesh import Mesh, join
 from kfit.data.nocs_alignment import align
@@ -32,6 +33,7 @@ __all__ = [
     "load_pickle",
     "make_result",
     "pose_view",
+    "read_category",
     "read_frame",
     "read_results",
     "render",

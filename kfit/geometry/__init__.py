@@ -20,7 +20,6 @@ from kfit.geometry.categories import CATEGORIES, Category
 from kfit.geometry.clusters import energy_weights, rotation_clusters, rotation_spread_deg
 from kfit.geometry.crop import Crop
 from kfit.geometry.pose import (
-    Symmetry,
     angles_from_rotation,
     azimuth_from_released,
     from_opencv,
@@ -29,10 +28,12 @@ from kfit.geometry.pose import (
     to_opencv,
 )
 from kfit.geometry.pose_network import PoseNetwork
+from kfit.geometry.symmetry import SYMMETRIES, Symmetry, check_symmetry, num_turns, turns_about_y
 
 __all__ = [
     "CATEGORIES",
     "EDGES",
+    "SYMMETRIES",
     "UNIT_FRACTION",
     "Category",
     "Crop",
@@ -41,6 +42,7 @@ __all__ = [
     "angles_from_rotation",
     "azimuth_from_released",
     "box_corners",
+    "check_symmetry",
     "depth_along",
     "diagonal_at",
     "distance_by_focal",
@@ -49,6 +51,7 @@ __all__ = [
     "from_opencv",
     "intrinsics_from_exif",
     "intrinsics_from_fov",
+    "num_turns",
     "observed",
     "pose_from_crop",
     "project",
@@ -57,6 +60,7 @@ __all__ = [
     "rotation_from_angles",
     "rotation_spread_deg",
     "to_opencv",
+    "turns_about_y",
     "viewing_ray",
     "viewing_ray_rotation",
     "was_cropped",

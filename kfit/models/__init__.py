@@ -1,9 +1,9 @@
 """Model files: those that come with kfit, how models are read and written, and poses by them."""
 
-from kfit.models.files import read_card, read_checkpoint, read_model, write_model
 from kfit.models.find_poses import find_poses
 from kfit.models.load import bundled, load
 from kfit.models.released import load_released, released_values
+from kfit.pose.model_files import read_card, read_checkpoint, read_model, write_model
 
 __all__ = [
     "bundled",

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-from kfit.core.check import check_choice, check_dict, check_names, check_range, check_rising, check_text
+from kfit.core.check import check_dict, check_names, check_range
 from kfit.geometry import CATEGORIES, Category
 from kfit.pose.confidence import Calibration
 
@@ -16,6 +16,11 @@ FORMAT = 1
 KINDS = ("RGB", "RGB-D")
 NETWORKS = ("generator", "encoder", "extents")
 OPTIONAL = ("pose_head",)
+# Fields of `kfit.geometry.Category` that are the card's own too.
+OF_CATEGORY = (
+    *("mean_diagonal", "symmetry", "diagonals", "unit_fraction", "sides", "axes", "elevation_deg", "upright"),
+    *("mirror", "shapes"),
+)
 # Characters; the bundled ones have some thousands.
 LARGEST = 10_000_000
 
@@ -25,13 +30,14 @@ class Card:
     """What is known about a model, stored as JSON in the metadata of its file.
 
     Attributes:
-        category: one of the NOCS categories.
+        category: its name; `known` tells what the card knows of it.
         networks: class and arguments of ``generator``, ``encoder`` and ``extents``, as recipes write them.
         distance: of the training camera from the object's centre, in box diagonals.
         unit_fraction: share of the picture's width that a unit diagonal at the object's centre spans, at scale 1.
         elevation_deg: range of elevations seen in training.
         axes: how the object stands in its frame, in words.
-        symmetry: ``"none"`` or ``"y"``.
+        symmetry: as in `kfit.geometry.Category`, and so are ``diagonals``, ``sides``, ``upright``, ``mirror`` and
+            ``shapes``.
         mean_diagonal: in metres; what translation and size from colour alone rest on.
         pose_weight: of what the pose head says, beside the energies of the picture.
         training: command, data, number of pairs, seed, versions.
@@ -49,6 +55,11 @@ class Card:
     axes: str
     symmetry: str
     mean_diagonal: float
+    diagonals: tuple[float, float] | None = None
+    sides: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    upright: float = 0.5
+    mirror: bool = True
+    shapes: str | None = None
     pose_weight: float = 2.0
     training: dict[str, Any] = field(default_factory=dict)
     accuracy: dict[str, Any] = field(default_factory=dict)
@@ -56,23 +67,26 @@ class Card:
     format: int = FORMAT
 
     def __post_init__(self) -> None:
-        check_choice("category", self.category, list(CATEGORIES))
         check_dict("networks", self.networks, check_dict, _anything)
         check_names("networks", self.networks, (*NETWORKS, *OPTIONAL))
         check_range("distance", self.distance, 1, 1e6)
-        check_range("unit_fraction", self.unit_fraction, 0.1, 10)
-        check_rising("elevation_deg", self.elevation_deg, -90, 90)
-        check_text("axes", self.axes)
-        check_choice("symmetry", self.symmetry, ("none", "y"))
-        check_range("mean_diagonal", self.mean_diagonal, 1e-4, 1e4)
         check_range("pose_weight", self.pose_weight, 0, 1e6)
         check_dict("training", self.training, _anything)
         check_dict("accuracy", self.accuracy, _anything)
+        known = self.known  # which checks the fields of the category
+        self.elevation_deg, self.diagonals, self.sides = known.elevation_deg, known.diagonals, known.sides
 
     @property
     def known(self) -> Category:
-        """The category's entry in `kfit.geometry.CATEGORIES`."""
-        return CATEGORIES[self.category]
+        """The category, by what the card tells of it."""
+        fields = {name: getattr(self, name) for name in OF_CATEGORY}
+        own = CATEGORIES.get(self.category)
+        return Category(self.category, **fields, nocs_id=None if own is None else own.nocs_id)
+
+    @staticmethod
+    def fields_of(category: Category) -> dict[str, Any]:
+        """Fields of the card that tell of a category, but its name."""
+        return {name: getattr(category, name) for name in OF_CATEGORY}
 
     def to_json(self) -> str:
         """The card as text, which `of_json` reads."""
@@ -97,7 +111,10 @@ class Card:
             raise ValueError(f"{path} holds no model card: {error}") from None
         names = {f.name for f in fields(Card)}
         if isinstance(said, dict):
-            said = {"calibration": {}, **said}  # cards from before there were any
+            # Cards from before there were calibrations, and from before a category was told but by name.
+            own = CATEGORIES.get(str(said.get("category")))
+            told = {} if own is None else Card.fields_of(own)
+            said = {"calibration": {}, **{name: told[name] for name in told if name not in said}, **said}
         if not isinstance(said, dict) or set(said) != names or said["format"] != FORMAT:
             raise ValueError(
                 f"{path} holds no model card of format {FORMAT}: it must have just {', '.join(sorted(names))}"
@@ -112,7 +129,6 @@ class Card:
             card = Card(**{**said, "calibration": calibration})
         except (ValueError, TypeError) as error:
             raise ValueError(f"{path} holds a model card that cannot be used: {error}") from None
-        card.elevation_deg = (card.elevation_deg[0], card.elevation_deg[1])
         return card
 
 

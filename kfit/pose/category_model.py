@@ -19,6 +19,7 @@ from kfit.pose.card import Card
 from kfit.pose.covariance import pose_covariance
 from kfit.pose.default_fit import default_fit
 from kfit.pose.defaults import default_energies
+from kfit.pose.hub_model import HubModel
 from kfit.pose.hypotheses import fitted_rotations, hypotheses_of
 from kfit.pose.interpretation import interpret
 from kfit.pose.observed_object import ObservedObject
@@ -29,7 +30,7 @@ from kfit.runtime.devices import safe_after_fork
 from kfit.segmentation import Segmenter
 
 
-class CategoryModel:
+class CategoryModel(HubModel):
     """A generator of one category with its encoder, ready to explain photos.
 
     Args:
@@ -173,7 +174,7 @@ class CategoryModel:
             if depth is not None:
                 raise ValueError("depth and several photos were both given; a fit of several photos is of colour alone")
             seen, observation = observed_views(
-                image, self.card.category, self.image_size, mask, box, intrinsics, relative_poses, segmenter
+                image, self.card.known, self.image_size, mask, box, intrinsics, relative_poses, segmenter
             )
             start = triangulated_diagonal(observation, self.card.unit_fraction, self.card.mean_diagonal)
             fit = pipeline or self.pipeline(views=start)
@@ -182,7 +183,7 @@ class CategoryModel:
                 raise ValueError("relative_poses were given for one photo; they belong to a list of photos")
             photo: Any = image
             one: tuple[Any, Any] = (mask, box)
-            seen = ObservedObject.of(photo, self.card.category, self.image_size, *one, intrinsics, depth, segmenter)
+            seen = ObservedObject.of(photo, self.card.known, self.image_size, *one, intrinsics, depth, segmenter)
             observation = seen.observation
             fit = pipeline or self.pipeline(depth=depth is not None, lens_known=seen.lens_known)
         return self.answer(fit(observation.map(lambda tensor: tensor.to(fit.device)), seed=seed), seen)
@@ -243,4 +244,4 @@ class CategoryModel:
         if isinstance(generator, RadianceField):
             surface = partial(generator.surface, fit.values["code"][0].to(self.device))
         covariance = partial(pose_covariance, fit, seen, self.card, self.draw)
-        return interpret(self.card.category, fit, seen, placed, hypotheses, drawing, self.draw, covariance, surface)
+        return interpret(self.card.known, fit, seen, placed, hypotheses, drawing, self.draw, covariance, surface)

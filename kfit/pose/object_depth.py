@@ -64,7 +64,7 @@ def object_depth(
     if not known.any():
         raise ValueError("depth is unknown everywhere on the object: no number there is above 0")
     outline = _outline(there, float(np.median(depth[known])), intrinsics)
-    least, most = category.diagonals
+    least, most = category.size_range
     if not NARROW * least <= outline <= WIDE * most:
         raise ValueError(_sentence(category, outline))
     length = min(most, DEEP * outline)
@@ -88,7 +88,7 @@ def object_depth(
 
 def wrong_size(category: Category, diagonal: float) -> str | None:
     """A sentence where a box diagonal in metres that was found by depth is out of the category's range."""
-    least, most = category.diagonals
+    least, most = category.size_range
     if least <= diagonal <= most:
         return None
     return f"{_sentence(category, diagonal)}; the confidence is 50 % at most"
@@ -102,7 +102,7 @@ def _outline(there: NDArray[np.bool_], distance: float, intrinsics: Tensor) -> f
 
 
 def _sentence(category: Category, diagonal: float) -> str:
-    least, most = category.diagonals
+    least, most = category.size_range
     told = (
         f"depth makes the {category.name} {diagonal:.3g} m large, but the diagonal of a {category.name}'s box is "
         f"between {least:g} and {most:g} m"

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from kfit.core import FitResult, Observation, Rendering, Variables
 from kfit.generators.surface import Surface
-from kfit.geometry import CATEGORIES, Crop
+from kfit.geometry import Crop
 
 if TYPE_CHECKING:
     from trimesh import Trimesh
@@ -43,6 +43,7 @@ class PoseResult:
 
     Attributes:
         category: of the model.
+        symmetry: of the category, see `kfit.geometry.Category`.
         rotation: (3, 3), object (NOCS axes, y up) to camera (OpenCV: x right, y down, z forward).
         translation: (3,) of the object's centre, in metres.
         size: (3,) sides of the object's box along its own axes, in metres.
@@ -71,6 +72,7 @@ class PoseResult:
     """
 
     category: str
+    symmetry: str
     rotation: NDArray[np.float64]
     translation: NDArray[np.float64]
     size: NDArray[np.float64]
@@ -147,7 +149,7 @@ class PoseResult:
         return {
             "category": self.category,
             "category_score": self.category_score,
-            "symmetry": CATEGORIES[self.category].symmetry,
+            "symmetry": self.symmetry,
             "rotation": self.rotation.tolist(),
             "quaternion_wxyz": self.quaternion_wxyz.tolist(),
             "translation": self.translation.tolist(),

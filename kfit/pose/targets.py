@@ -40,7 +40,7 @@ def find_targets(
 
     Args:
         photo: to look at.
-        category: one of `kfit.geometry.CATEGORIES`.
+        category: the name of one; where it is none of kfit's own, nothing checks it.
         mask: (H, W), above one half of its full scale on the object.
         box: left, top, width, height in pixels.
         segmenter: of the object's mask, instead of kfit's own networks.
@@ -70,7 +70,7 @@ def find_targets(
 def with_score(result: PoseResult, target: FoundObject) -> PoseResult:
     """The answer with the probability that its object is of the category, which bounds its confidence from above."""
     notes, confidence = result.notes, result.confidence
-    if target.score < PROBABLE:
+    if target.score is not None and target.score < PROBABLE:
         confidence = min(confidence, target.score)
         notes = [
             *notes,
@@ -107,6 +107,8 @@ def _doubts(finder: ObjectFinder, photo: Photo, mask: NDArray[np.float32]) -> tu
 def _classified(finder: ObjectFinder, photo: Photo, segment: Segment, category: str | None) -> FoundObject:
     """The object of a mask, as a category that was named or the likeliest one."""
     left, top, width, height = box = box_of(segment.mask)
+    if category is not None and category not in NAMES:
+        return FoundObject(category, None, box, segment)
     corners = np.array([[left, top, left + width, top + height]])
     shares = finder.probabilities(photo.image, corners)[0]
     if category is None:

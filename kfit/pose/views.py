@@ -13,7 +13,7 @@ from torch import Tensor
 
 from kfit.core import Observation
 from kfit.core.check import check_shape
-from kfit.geometry import Crop, diagonal_at, viewing_ray
+from kfit.geometry import Category, Crop, diagonal_at, viewing_ray
 from kfit.pose.observed_object import ObservedObject
 from kfit.segmentation import Photo, Segmenter, load_segmenter
 
@@ -28,7 +28,7 @@ def are_several(image: PhotoLike | Sequence[PhotoLike]) -> TypeGuard[Sequence[Ph
 
 def observed_views(
     images: Sequence[PhotoLike],
-    category: str,
+    category: Category,
     size: int,
     masks: Any,
     boxes: Any,
@@ -40,7 +40,7 @@ def observed_views(
 
     Args:
         images: V photos.
-        category: that a segmenter is to look for.
+        category: of the object; a segmenter looks for its name.
         size: of the pictures in pixels.
         masks, boxes, intrinsics: lists of V, or None; one (3, 3) serves all.
         relative_poses: (V, 4, 4), from the first camera to each.

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 
-from kfit.geometry import CATEGORIES
 from kfit.pose import PoseResult
 
 
 def describe(result: PoseResult) -> str:
     """One line that a person can read."""
     azimuth, elevation, roll = (math.degrees(float(result.fit.values[n][0])) for n in ("azimuth", "elevation", "roll"))
-    turned = "" if CATEGORIES[result.category].symmetry == "y" else f"turned {_wrapped(azimuth):.0f}°, "
+    turned = "" if result.symmetry == "y" else f"turned {_wrapped(azimuth):.0f}°, "
     sides = " × ".join(f"{100 * side:.0f}" for side in result.size)
     away, above, rolled = 100 * result.translation[2], _wrapped(elevation), _wrapped(roll)
     return (

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from torch import Tensor
 
-from kfit.geometry import CATEGORIES, EDGES, box_corners, rotation_from_angles
+from kfit.geometry import EDGES, box_corners, rotation_from_angles
 from kfit.pose import PoseResult
 from kfit.reports.inline_svg import ACCENT, INK, MUTED, PAPER, inline_svg, styled
 
@@ -54,7 +54,7 @@ def view_sphere(result: PoseResult) -> Markup:
         plot.axis("off")
         _globe(plot, onlooker)
         _object(plot, onlooker, torch.from_numpy(result.size))
-        if CATEGORIES[result.category].symmetry == "y":
+        if result.symmetry == "y":
             for found, (_, elevation) in zip(result.alternatives, places, strict=True):
                 colour = ACCENT if found is result.alternatives[0] else INK
                 _circle(plot, onlooker, _around(elevation), colour, 1.6, 1.0, 0.35)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 
 import torch
+from lightning.pytorch.cli import LRSchedulerCallable, OptimizerCallable
 from torch import Tensor
 
 from kfit.baselines import CoordinateRegressor
@@ -32,6 +33,7 @@ class CoordinateTraining(Training):
         jitter: how views are turned, shifted and scaled, and their coordinates with them; None shows them as they are.
         recolor: how their colours are changed; None leaves them.
         compile: compile the regressor (`torch.compile`). Without a C++ compiler training goes on uncompiled.
+        optimizer, scheduler: as in `kfit.training.training.Training`; ``rate`` and ``weight_decay`` are of its AdamW.
 
     Raises:
         ValueError: in training, for batches without depth, and when it starts, for a trainer without an end.
@@ -47,8 +49,10 @@ class CoordinateTraining(Training):
         jitter: RandomSimilarity | None = None,
         recolor: RandomRecolor | None = None,
         compile: bool = False,
+        optimizer: OptimizerCallable | None = None,
+        scheduler: LRSchedulerCallable | None = None,
     ) -> None:
-        super().__init__()
+        super().__init__(optimizer, scheduler)
         check_positive("rate", rate)
         check_range("weight_decay", weight_decay, 0)
         check_range("unit_fraction", unit_fraction, 0.1, 10.0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 
 import torch
+from lightning.pytorch.cli import LRSchedulerCallable, OptimizerCallable
 from torch import Tensor
 
 from kfit.baselines import OrientationRegressor
@@ -30,6 +31,7 @@ class OrientationTraining(Training):
         disturb: what is hidden, made brighter or darker and shifted; None shows views as they are.
         jitter: how views are scaled before that. Views are taken as upright, so its ``roll_deg`` should be 0.
         compile: compile the regressor (`torch.compile`). Without a C++ compiler training goes on uncompiled.
+        optimizer, scheduler: as in `kfit.training.training.Training`; ``rate`` and ``weight_decay`` are of its AdamW.
 
     Raises:
         ValueError: when training starts, for a trainer without an end, and at once, for weights of another network.
@@ -45,8 +47,10 @@ class OrientationTraining(Training):
         disturb: RandomCorruption | None = None,
         jitter: RandomSimilarity | None = None,
         compile: bool = False,
+        optimizer: OptimizerCallable | None = None,
+        scheduler: LRSchedulerCallable | None = None,
     ) -> None:
-        super().__init__()
+        super().__init__(optimizer, scheduler)
         check_positive("rate", rate)
         check_range("weight_decay", weight_decay, 0)
         check_choice("compile", compile, (False, True))

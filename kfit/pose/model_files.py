@@ -59,13 +59,18 @@ LARGEST_HEADER = 100_000_000
 
 def write_model(path: Path, networks: dict[str, nn.Module], card: Card) -> None:
     """Write networks, in half precision, and their card as one file, which appears whole or not at all."""
+    content = model_content(networks, card)
+    atomic_write(path.parent, {path.name: lambda place: place.write_bytes(content)})
+
+
+def model_content(networks: dict[str, nn.Module], card: Card) -> bytes:
+    """What `write_model` writes."""
     numbers = {
         f"{name}.{key}": (tensor.half() if tensor.is_floating_point() else tensor).contiguous()
         for name, network in networks.items()
         for key, tensor in network.state_dict().items()
     }
-    content = save(numbers, {METADATA: card.to_json()})
-    atomic_write(path.parent, {path.name: lambda place: place.write_bytes(content)})
+    return save(numbers, {METADATA: card.to_json()})
 
 
 def read_model(path: Path) -> tuple[dict[str, nn.Module], Card]:
