@@ -146,7 +146,8 @@ def _category_of(config: Namespace) -> Category | None:
     if value is None or not isinstance(path, str):
         return None
     if isinstance(value, Namespace):
-        return Category.of_dict(value.as_dict())
+        # Of a file that jsonargparse has read it keeps the path.
+        return Category.of_dict({name: one for name, one in value.as_dict().items() if name != "__path__"})
     own = issubclass(import_object(path), ViewsDataModule)
     return read_category(value) if own else CATEGORIES.get(str(value))
 
