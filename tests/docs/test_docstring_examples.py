@@ -14,7 +14,17 @@ MODULES = [
     for file in sorted((ROOT / "kfit").rglob("*.py"))
     if ">>> " in file.read_text()
 ]
-ROOMS = ["core", "energies", "fitting", "geometry", "initializers", "optimizers", "selectors", "callbacks"]
+ROOMS = [
+    "core",
+    "energies",
+    "fitting",
+    "generators",
+    "geometry",
+    "initializers",
+    "optimizers",
+    "selectors",
+    "callbacks",
+]
 
 
 @pytest.mark.parametrize("name", MODULES)
