@@ -60,7 +60,7 @@ def observed_views(
     some_unknown = isinstance(intrinsics, list | tuple) and any(one is None for one in intrinsics)
     for_all = intrinsics is None or (not some_unknown and torch.as_tensor(intrinsics).dim() == 2)
     cameras = [intrinsics] * count if for_all else list(intrinsics)
-    segmenters = list(segmenter) if isinstance(segmenter, list | tuple) else [segmenter] * count
+    segmenters: list[Any] = list(segmenter) if isinstance(segmenter, list | tuple) else [segmenter] * count
     lists = {"mask": masks, "box": boxes, "intrinsics": cameras, "segmenter": segmenters}
     for name, values in lists.items():
         if values is not None and len(values) != count:
