@@ -17,7 +17,7 @@ _NAME = re.compile(r"[A-Za-z][\w-]{0,39}")
 
 @dataclass(frozen=True)
 class Category:
-    """A kind of object.
+    """A category of objects.
 
     >>> vase = Category("vase", mean_diagonal=0.3, symmetry="y")
     >>> vase.azimuth_deg

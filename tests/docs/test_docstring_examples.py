@@ -15,7 +15,15 @@ MODULES = [
     if ">>> " in file.read_text()
 ]
 ROOMS = [
-    f"kfit.{room}" for room in ("core", "energies", "fitting", "initializers", "optimizers", "selectors", "callbacks")
+    "core",
+    "energies",
+    "fitting",
+    "generators",
+    "geometry",
+    "initializers",
+    "optimizers",
+    "selectors",
+    "callbacks",
 ]
 
 
@@ -30,7 +38,7 @@ def test_examples_of_a_module_print_what_they_show(name, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("room", ROOMS)
 def test_every_public_class_and_function_has_an_example(room):
-    module = importlib.import_module(room)
+    module = importlib.import_module(f"kfit.{room}")
     parts = {name: getattr(module, name) for name in module.__all__}
     documented = {name: part for name, part in parts.items() if inspect.isclass(part) or inspect.isfunction(part)}
     assert [name for name, part in documented.items() if ">>> " not in (part.__doc__ or "")] == []
