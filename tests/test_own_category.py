@@ -20,6 +20,8 @@ TINY = [
     "1",
     "--trainer.accelerator",
     "cpu",
+    "--trainer.log_every_n_steps",
+    "1",
     "--trainer.precision",
     "32",
     "--model.compile",

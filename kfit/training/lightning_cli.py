@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import logging
 import os
 import sys
@@ -12,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 from jsonargparse import ArgumentError, Namespace
-from jsonargparse._util import import_object
 from lightning.fabric.plugins import TorchCheckpointIO
 from lightning.pytorch import Callback, LightningDataModule, LightningModule, Trainer
 from lightning.pytorch.callbacks import LearningRateMonitor
@@ -148,7 +148,8 @@ def _category_of(config: Namespace) -> Category | None:
     if isinstance(value, Namespace):
         # Of a file that jsonargparse has read it keeps the path.
         return Category.of_dict({name: one for name, one in value.as_dict().items() if name != "__path__"})
-    own = issubclass(import_object(path), ViewsDataModule)
+    module, _, name = path.rpartition(".")
+    own = issubclass(getattr(importlib.import_module(module), name), ViewsDataModule)
     return read_category(value) if own else CATEGORIES.get(str(value))
 
 
