@@ -15,14 +15,19 @@ def write(path, front=(5, 0, 0), up=(0, 2, 0)):
     path.parent.mkdir(parents=True, exist_ok=True)
     box = trimesh.creation.box((1, 1, 1))
     ends = [trimesh.creation.icosphere(0, 0.01).apply_translation(place) for place in (front, up)]
-    trimesh.util.concatenate([box, *ends]).export(path)
+    mesh = trimesh.util.concatenate([box, *ends])
+    if path.suffix == ".gltf":  # trimesh's own writing to a path leaves files open
+        for name, content in trimesh.exchange.gltf.export_gltf(trimesh.Scene(mesh)).items():
+            (path if name == "model.gltf" else path.parent / name).write_bytes(content)
+    else:
+        mesh.export(path)
     return path
 
 
 @pytest.mark.parametrize("suffix", ["obj", "glb", "gltf", "ply", "stl"])
 def test_meshes_load_in_the_formats_that_people_have(tmp_path, suffix):
     mesh = load_mesh(write(tmp_path / f"a.{suffix}"))
-    assert mesh.bounds[1][0] == pytest.approx(5.01)
+    assert mesh.bounds[1][0] == pytest.approx(5.01, abs=0.01)
     assert len(find_meshes(tmp_path)) == 1
 
 
