@@ -10,8 +10,10 @@ from threading import Event, Thread
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from kfit.core import Callback, FitState, Generator
+from kfit.geometry import Crop
 from kfit.pose import CategoryModel, PoseResult
 from kfit.pose.observed_object import ObservedObject
 from kfit.segmentation import Photo
@@ -26,7 +28,9 @@ class Drawn:
         num_starts: how many starts are still on their way.
         energy: the least so far.
         drawing: (S, S, 3) in [0, 1], of the start that reached it.
+        silhouette: (S, S) in [0, 1], where the drawing shows the object; None where the generator does not tell.
         seen: (S, S, 3), what it is to explain.
+        crop: the square of the photo that it shows.
     """
 
     step: int
@@ -34,7 +38,9 @@ class Drawn:
     num_starts: int
     energy: float
     drawing: NDArray[np.float32]
+    silhouette: NDArray[np.float32] | None
     seen: NDArray[np.float32]
+    crop: Crop
 
 
 class _Left(Exception):  # noqa: N818
@@ -46,15 +52,15 @@ class Watching(Callback):
 
     Args:
         generator: of the fit.
-        seen: (S, S, 3), what is fitted.
+        observed: what is fitted.
         tell: is handed each `Drawn`.
         left: once set, the fit breaks off at its next step.
     """
 
     def __init__(
-        self, generator: Generator, seen: NDArray[np.float32], tell: Callable[[Drawn], None], left: Event
+        self, generator: Generator, observed: ObservedObject, tell: Callable[[Drawn], None], left: Event
     ) -> None:
-        self.generator, self.seen, self.tell, self.left = generator, seen, tell, left
+        self.generator, self.observed, self.tell, self.left = generator, observed, tell, left
 
     def on_step(self, state: FitState) -> FitState:
         if self.left.is_set():
@@ -62,16 +68,32 @@ class Watching(Callback):
         if len(state.problem):
             best = int(state.best_energy.argmin())
             with torch.no_grad():
-                image = self.generator(
-                    **{name: rows[best : best + 1] for name, rows in state.best_values.items()}
-                ).image
-            drawing = image[0].movedim(0, -1).float().clamp(0, 1).cpu().numpy()
-            energy = float(state.best_energy[best])
-            self.tell(Drawn(state.step, state.num_steps, len(state.problem), energy, drawing, self.seen))
+                rendering = self.generator(
+                    **{name: rows[best : best + 1] for name, rows in state.best_values.items()},
+                    **self.generator.prepare(self.observed.observation),
+                )
+            self.tell(
+                Drawn(
+                    step=state.step,
+                    num_steps=state.num_steps,
+                    num_starts=len(state.problem),
+                    energy=float(state.best_energy[best]),
+                    drawing=_picture(rendering.image),
+                    silhouette=None if rendering.mask is None else rendering.mask[0, 0].float().cpu().numpy(),
+                    seen=_picture(self.observed.observation.field("image")),
+                    crop=self.observed.crop,
+                )
+            )
         return state
 
 
-def watched(model: CategoryModel, photo: Photo, mask: NDArray[np.float32] | None) -> Iterator[Drawn | PoseResult]:
+def watched(
+    model: CategoryModel,
+    photo: Photo,
+    mask: NDArray[np.float32] | None,
+    intrinsics: NDArray[np.float64] | None = None,
+    depth: NDArray[np.float32] | None = None,
+) -> Iterator[Drawn | PoseResult]:
     """The model's own fit, in a thread beside: one `Drawn` a step, at last the result.
 
     Whoever stops iterating ends the fit.
@@ -80,20 +102,21 @@ def watched(model: CategoryModel, photo: Photo, mask: NDArray[np.float32] | None
         model: of the object's category.
         photo: that is looked at.
         mask: (H, W), above one half on the object; None where the photo's alpha channel tells.
+        intrinsics, depth: as `kfit.pose.CategoryModel.pose` takes them.
 
     Raises:
         ValueError, FitError: as `kfit.pose.CategoryModel.pose`.
     """
     told: SimpleQueue[Drawn | PoseResult | BaseException] = SimpleQueue()
     left = Event()
-    sighting = ObservedObject.of(photo, model.card.category, model.image_size, mask)
-    seen = sighting.observation.image[0].movedim(0, -1).numpy()
-    pipeline = model.pipeline(lens_known=sighting.lens_known)
-    pipeline.callbacks.append(Watching(pipeline.generator, seen, told.put, left))  # type: ignore[arg-type]
+    category = model.card.category
+    observed = ObservedObject.of(photo, category, model.image_size, mask, intrinsics=intrinsics, depth=depth)
+    pipeline = model.pipeline(depth=depth is not None, lens_known=observed.lens_known)
+    pipeline.callbacks.append(Watching(pipeline.generator, observed, told.put, left))  # type: ignore[arg-type]
 
     def fit() -> None:
         try:
-            told.put(model.answer(pipeline(sighting.observation, seed=0), sighting))
+            told.put(model.answer(pipeline(observed.observation, seed=0), observed))
         except BaseException as error:  # whatever it is, it is told to those who wait
             told.put(error)
 
@@ -110,3 +133,8 @@ def watched(model: CategoryModel, photo: Photo, mask: NDArray[np.float32] | None
     finally:
         left.set()
         thread.join()
+
+
+def _picture(images: Tensor) -> NDArray[np.float32]:
+    picture: NDArray[np.float32] = images[0].movedim(0, -1).float().clamp(0, 1).cpu().numpy()
+    return picture

@@ -9,6 +9,7 @@ import json
 import shlex
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,13 +20,13 @@ from kfit.cli.category_names import named_category
 from kfit.cli.object_arguments import camera_of
 from kfit.cli.photo_files import photo_files
 from kfit.cli.pose_arguments import parser
-from kfit.runtime.console import log, progress, see_working_folder, table_console
+from kfit.runtime.console import log, progress, see_working_folder, status, table_console
 
 if TYPE_CHECKING:
     from kfit.fitting.pipeline import FitPipeline
     from kfit.pose import CategoryModel, PoseResult
-    from kfit.pose.object_finder import FoundObject
-    from kfit.segmentation import Photo
+    from kfit.pose.object_finder import FoundObject, ObjectFinder
+    from kfit.segmentation import Photo, Segmenter
 
 __all__ = ["command", "parser", "run"]
 # Width of the table where stdout is no terminal.
@@ -36,11 +37,11 @@ def run(args: Namespace) -> None:
     """Answer, write the files, and print."""
     photos = photo_files(args.photo)
     _check(args, photos)
-    from kfit.models import load
-    from kfit.pose.object_finder import ObjectFinder
-    from kfit.pose.targets import find_targets
-    from kfit.runtime.devices import device_of, precision
-    from kfit.segmentation import depth_from_file, load_segmenter, mask_from_file, read_photo
+    with status("Loading kfit …"):
+        from kfit.models import load
+        from kfit.pose.object_finder import ObjectFinder
+        from kfit.runtime.devices import device_of, precision
+        from kfit.segmentation import load_segmenter
 
     if args.animation is not None:
         from kfit.reports.animation import check_suffix
@@ -58,10 +59,8 @@ def run(args: Namespace) -> None:
     with progress() as bar, precision(args.precision, device):
         for name in bar.track(photos, description="Photos") if len(photos) > 1 else photos:
             try:
-                photo = read_photo(name)
-                mask = None if args.mask is None else mask_from_file(args.mask, photo.image.shape[:2])
-                depth = None if args.depth is None else depth_from_file(args.depth, photo.image.shape[:2])
-                targets = find_targets(photo, category, mask, args.box and tuple(args.box), segmenter, finder)
+                with status(f"Looking for objects in {name} …") if len(photos) == 1 else nullcontext():
+                    photo, depth, targets = _found(args, name, category, segmenter, finder)
                 targets = _picked(targets) if args.pick else targets
                 _check_one(args, targets)
                 answers[name] = [
@@ -73,6 +72,19 @@ def run(args: Namespace) -> None:
                     raise
                 log.warning("%s", str(error) if name in str(error) else f"{name}: {error}")
     _report(args, answers)
+
+
+def _found(
+    args: Namespace, name: str, category: str | None, segmenter: Segmenter | None, finder: ObjectFinder
+) -> tuple[Photo, Any, list[FoundObject]]:
+    """The photo of that name, its depth, and the objects in it."""
+    from kfit.pose.targets import find_targets
+    from kfit.segmentation import depth_from_file, mask_from_file, read_photo
+
+    photo = read_photo(name)
+    mask = None if args.mask is None else mask_from_file(args.mask, photo.image.shape[:2])
+    depth = None if args.depth is None else depth_from_file(args.depth, photo.image.shape[:2])
+    return photo, depth, find_targets(photo, category, mask, args.box and tuple(args.box), segmenter, finder)
 
 
 def _check(args: Namespace, photos: Sequence[str]) -> None:
@@ -166,7 +178,10 @@ def _report(args: Namespace, answers: dict[str, list[PoseResult]]) -> None:
         raise ValueError(f"no {what} was found in {where}; --box X Y W H or --mask FILE tells where one is")
     from kfit.cli import answer_files
     from kfit.reports import describe
+    from kfit.runtime.browser import open_files
 
+    if args.open and args.report is None and len(results) == 1:
+        args.report = str(Path(args.out) / "report.html")
     pictures = answer_files.write(answers, Path(args.out), pages(results, args))
     if args.json:
         print(json.dumps(answer_files.document(answers)))
@@ -175,6 +190,8 @@ def _report(args: Namespace, answers: dict[str, list[PoseResult]]) -> None:
     else:
         table_console(WIDTH).print(answer_files.table(answers))
         print(*pictures, sep="\n")
+    if args.open:
+        open_files([Path(args.report)] if args.report is not None else pictures)
 
 
 def pages(results: Sequence[PoseResult], args: Namespace) -> dict[str, Callable[[Path], object]]:

@@ -19,6 +19,8 @@ LEAST = 0.01
 DOUBTFUL = 0.5
 # Of the prior on an unknown lens in a fit's energy. It says nothing of the pose, so neither ranks nor calibrates.
 LENS_WEIGHT = 0.05
+# How the sentence on a confidence begins that is no probability.
+UNCALIBRATED = "confidence not calibrated"
 EVIDENCE = ("weight", "energy", "agreement", "looks")
 
 
@@ -120,7 +122,7 @@ def confidence(
     if calibration is None:
         said, warning = (
             found[0].weight,
-            f"confidence not calibrated, as the model's card tells nothing of such fits: {share}",
+            f"{UNCALIBRATED}, as the model's card tells nothing of such fits: {share}",
         )
         if by_looks is not None and _looks_energy(fit, found[0].energy, by_looks) > by_looks.energy_99:
             said = min(said, DOUBTFUL)
@@ -130,7 +132,7 @@ def confidence(
         return said, warning
     told, energy = evidence(found, seen), found[0].energy
     if not calibration.covers(fit) or not set(calibration.coefficients) <= set(told):
-        return found[0].weight, f"confidence not calibrated for a fit in another way than the model's own: {share}"
+        return found[0].weight, f"{UNCALIBRATED} for a fit in another way than the model's own: {share}"
     said = calibration.probability(told)
     if energy > calibration.energy_99:
         return min(said, DOUBTFUL), (
