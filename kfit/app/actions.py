@@ -98,7 +98,7 @@ class Actions:
         """Take another of the objects that were found."""
         session = self.sessions.of(token)
         session.choose(number)
-        return {**self._masked(session, FOUND), self.parts.category: session.category, self.parts.found: number}
+        return {**self._masked(session, FOUND), self.parts.found: number}
 
     def tap(self, token: str, event: gr.EventData) -> Changes:
         """The same, by a tap on it."""
@@ -208,7 +208,8 @@ class Actions:
         }
 
     def _masked(self, session: Session, hint: str) -> Changes:
-        return {**self._without_answer(session), self.parts.surface: gr.update(**_layer(session, hint))}
+        layer = gr.update(**_layer(session, hint))
+        return {**self._without_answer(session), self.parts.surface: layer, self.parts.category: session.category}
 
     def _without_answer(self, session: Session) -> Changes:
         parts = self.parts

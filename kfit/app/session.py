@@ -4,25 +4,25 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import lru_cache, partial
 from pathlib import Path
+from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from kfit.app.brush import painted
 from kfit.app.downloads import snippet_of, write_downloads
 from kfit.app.examples import Example
 from kfit.app.uploads import check_size, checked, read_upload
 from kfit.app.watched import Drawn, watched
 from kfit.models import load
 from kfit.pose import CategoryModel, PoseResult
-from kfit.pose.object_finder import FoundObject
-from kfit.pose.targets import find_targets, with_score
-from kfit.segmentation import ObjectMask, Photo, depth_from_file, mask_from_alpha, mask_from_file
+from kfit.pose.object_finder import FoundObject, box_of
+from kfit.pose.targets import find_targets
+from kfit.segmentation import Photo, Segment, depth_from_file, mask_from_alpha, mask_from_file
 
-# A brush's width, in longer sides of the picture, and the points of a stroke beyond which the rest is dropped.
-BRUSH, MOST_POINTS = 0.03, 4000
 Fractions = tuple[float, float, float, float]
 Camera = tuple[float, float, float, float]
 
@@ -34,23 +34,31 @@ class Session:
         folder: of its own, deleted by `close`.
 
     Attributes:
+        photo: the picture.
+        targets: what was found in it.
+        target: the one that is to be fitted, found, drawn or told by a mask.
         category: that is likely, or was chosen last.
         depth: (H, W) in metres, where it was handed in.
-        targets: what was found in the photo.
         busy: whether a fit of it waits or runs, so that it makes room for no other.
     """
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.photo: Photo | None = None
-        self.mask: NDArray[np.float32] | None = None
+        self.target: FoundObject | None = None
         self.depth: NDArray[np.float32] | None = None
         self.category: str | None = None
         self.targets: list[FoundObject] = []
         self.busy = False
         self._name = self._depth_name = ""
-        # Arguments of `kfit pose` that give the object.
-        self._told: list[str] = []
+        # What points at the object, for `find_targets` and for `kfit pose`; neither where it was found.
+        self._pointed: dict[str, Any] = {}
+        self._words: list[str] = []
+
+    @property
+    def mask(self) -> NDArray[np.float32] | None:
+        """Of the object that is to be fitted, (H, W)."""
+        return None if self.target is None else self.target.segment.mask
 
     @property
     def pixels(self) -> int:
@@ -67,9 +75,9 @@ class Session:
         return self._seen().image
 
     def take(self, path: Path) -> None:
-        """Read an uploaded photo and delete the file; an alpha channel that sets an object off is its mask.
+        """Read an uploaded photo, delete the file, and find the objects of kfit's categories.
 
-        Without such a channel the objects of kfit's categories are found, and the first of them is chosen.
+        An alpha channel that sets an object off tells the one that is meant. The first found is chosen.
 
         Raises:
             ValueError: for a file that cannot be used, in one sentence; what was there before stays.
@@ -78,11 +86,10 @@ class Session:
             photo = read_upload(path)
         finally:
             path.unlink(missing_ok=True)
-        alpha = mask_from_alpha(photo.alpha)
-        self._begin(photo, path.name, alpha)
-        self.targets = find_targets(photo) if alpha is None else []
-        if self.targets:
-            self.choose(0)
+        targets = find_targets(photo)
+        self._begin(photo, path.name)
+        self._take_target(targets[0] if targets else None)
+        self.targets = targets if mask_from_alpha(photo.alpha) is None else []
 
     def found(self) -> list[str]:
         """Names of what was found, each with its probability."""
@@ -90,16 +97,16 @@ class Session:
 
     def choose(self, number: int) -> None:
         """Take what was found as number ``number``, from 0, for the object."""
-        target = self.targets[number]
-        self.mask, self.category = target.segment.mask, target.category
-        self._told = ["--box", *(f"{part:.0f}" for part in target.box)]
+        self._pointed, self._words = {}, []
+        self._take_target(self.targets[number])
 
     def take_example(self, example: Example) -> None:
         """Take an example's picture and mask."""
         image = example.image()
-        self._begin(Photo(image.astype(np.float32) / np.float32(255)), f"{example.name}.png", None)
-        self.mask, self.category = mask_from_file(example.mask, image.shape[:2]), example.category
-        self._told = ["--mask", "mask.png"]
+        self._begin(Photo(image.astype(np.float32) / np.float32(255)), f"{example.name}.png")
+        mask = mask_from_file(example.mask, image.shape[:2])
+        self._take_target(FoundObject(example.category, 1.0, box_of(mask), Segment(mask)))
+        self._pointed, self._words = {"mask": mask}, ["--mask", "mask.png"]
 
     def take_mask(self, path: Path) -> None:
         """Read an uploaded mask and delete the file.
@@ -108,10 +115,10 @@ class Session:
             ValueError: if it cannot be used or there is no photo yet; what was there before stays.
         """
         try:
-            self.mask = checked(path, lambda file: mask_from_file(file, self._seen().image.shape[:2]))
+            mask = checked(path, lambda file: mask_from_file(file, self._seen().image.shape[:2]))
         finally:
             path.unlink(missing_ok=True)
-        self._told = ["--mask", path.name]
+        self._point(["--mask", path.name], mask=mask)
 
     def take_depth(self, path: Path) -> None:
         """Read an uploaded depth map and delete the file.
@@ -139,79 +146,69 @@ class Session:
         Raises:
             ValueError: if nothing stands out in the box, or there is no photo yet.
         """
-        image = self._seen().image
-        height, width = image.shape[:2]
+        height, width = self._seen().image.shape[:2]
         left, top, across, down = (
             round(part * whole) for part, whole in zip(box, (width, height, width, height), strict=True)
         )
-        self.mask = None
-        self.mask = ObjectMask()(image, "object", (left, top, across, down)).mask
-        self._told = ["--box", *(str(number) for number in (left, top, across, down))]
+        self.target = None
+        box_in_pixels = (left, top, across, down)
+        self._point(["--box", *map(str, box_in_pixels)], box=box_in_pixels)
 
     def paint(self, points: Sequence[tuple[float, float]], keep: bool) -> None:
         """Add what a brush went over to the mask, or take it away.
 
-        Args:
-            points: (x, y) of the stroke as fractions of the picture's width and height.
-            keep: whether it belongs to the object.
-
         Raises:
             ValueError: if there is no mask to change, or nothing would be left of it.
         """
-        image = self._seen().image
-        if self.mask is None:
+        self._seen()
+        if self.target is None:
             raise ValueError("Draw a box around the object first; then its mask can be corrected.")
-        height, width = image.shape[:2]
-        line = np.array([[x * width, y * height] for x, y in points[:MOST_POINTS]]).clip(0, max(height, width))
-        mask = np.ascontiguousarray(self.mask > 0.5, np.uint8)
-        broad = max(1, round(BRUSH * max(height, width)))
-        cv2.polylines(mask, [line.round().astype(np.int32)], False, int(keep), broad)
-        if not mask.any():
-            raise ValueError("Nothing would be left of the object; the mask stays as it was.")
-        self.mask, self._told = mask.astype(np.float32), ["--mask", "mask.png"]
+        mask = painted(self.target.segment.mask, points, keep)
+        self.target = replace(self.target, segment=Segment(mask))  # `fit` looks at it anew
+        self._pointed, self._words = {"mask": mask}, ["--mask", "mask.png"]
 
     def fit(self, category: str | None, camera: Camera | None = None) -> Iterator[Drawn | PoseResult]:
-        """Fit what the mask shows: one `Drawn` a step, at last the result.
+        """Fit the object as `command` does: one `Drawn` a step, at last the result.
 
         Args:
             category: of the object.
             camera: fx, fy, cx and cy in pixels.
 
         Raises:
-            ValueError: if picture, mask or category is still to be given.
+            ValueError: if picture, object or category is still to be given.
         """
-        photo = self._seen()
-        if self.mask is None:
+        photo, target = self._seen(), self.target
+        if target is None:
             raise ValueError("Draw a box around the object first, so that it is known what is to be fitted.")
         if category is None:
             raise ValueError("Choose what kind of object it is.")
-        # The photo's own alpha channel is used as `kfit pose` does, which is not told of it.
-        mask = self.mask if self._told else None
+        pointed, words = self._arguments(category)
+        if words:
+            (target,) = find_targets(photo, category, **pointed)
         intrinsics = None
         if camera is not None:
             fx, fy, cx, cy = camera
             intrinsics = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
-        return self._checked(watched(_model(category), photo, mask, intrinsics, self.depth), photo, category, mask)
-
-    @staticmethod
-    def _checked(
-        news: Iterator[Drawn | PoseResult], photo: Photo, category: str, mask: NDArray[np.float32] | None
-    ) -> Iterator[Drawn | PoseResult]:
-        """The same, with the answer's confidence bounded by how probable the category is."""
-        for one in news:
-            if isinstance(one, PoseResult):
-                (target,) = find_targets(photo, category, mask)
-                yield with_score(one, target)
-            else:
-                yield one
+        return watched(_model(category), photo, target, intrinsics, self.depth)
 
     def command(self, category: str, camera: Camera | None = None) -> str:
-        """The line that does the same in a terminal."""
+        """The line that does the same in a terminal, for one object or, where it is named by nothing, for all."""
         from shlex import join
 
-        words = ["kfit", "pose", self._name, "--category", category, *self._told]
+        words = ["kfit", "pose", self._name, *self._arguments(category)[1]]
         words += ["--intrinsics", *(f"{part:g}" for part in camera)] if camera is not None else []
         return join(words + (["--depth", self._depth_name] if self.depth is not None else []))
+
+    def _arguments(self, category: str) -> tuple[dict[str, Any], list[str]]:
+        """What tells the object to `find_targets`, and what to `kfit pose`; nothing where it is as it was found."""
+        named, target = ["--category", category], self.target
+        if self._pointed or target is None:
+            return self._pointed, [*named, *self._words]
+        if category == target.category:
+            return {}, []
+        if not self.targets:  # the alpha channel tells it
+            return {}, named
+        return {"box": target.box}, [*named, "--box", *(f"{part:.0f}" for part in target.box)]
 
     def write(self, result: PoseResult, camera: Camera | None = None) -> dict[str, Path]:
         """Write what can be downloaded, `kfit.app.downloads.FILES`; paths by name.
@@ -226,7 +223,7 @@ class Session:
 
     def clear(self) -> None:
         """Forget the photo and what belongs to it; what was downloaded may be so again."""
-        self.photo = self.mask = self.depth = self.category = None
+        self.photo = self.target = self.depth = self.category = None
         self.targets = []
 
     def close(self) -> None:
@@ -234,9 +231,18 @@ class Session:
         self.clear()
         shutil.rmtree(self.folder, ignore_errors=True)
 
-    def _begin(self, photo: Photo, name: str, mask: NDArray[np.float32] | None) -> None:
+    def _begin(self, photo: Photo, name: str) -> None:
         self.clear()
-        self.photo, self.mask, self._name, self._told = photo, mask, name, []
+        self.photo, self._name, self._pointed, self._words = photo, name, {}, []
+
+    def _take_target(self, target: FoundObject | None) -> None:
+        self.target, self.category = target, None if target is None else target.category
+
+    def _point(self, words: list[str], **pointed: Any) -> None:
+        """Take what a mask or a box points at for the object; ``words`` tell `kfit pose` the same."""
+        (target,) = find_targets(self._seen(), **pointed)
+        self._pointed, self._words = pointed, words
+        self._take_target(target)
 
     def _seen(self) -> Photo:
         if self.photo is None:

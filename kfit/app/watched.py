@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from queue import SimpleQueue
 from threading import Event, Thread
+from typing import Any
 
 import numpy as np
 import torch
@@ -13,8 +14,11 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from kfit.core import Callback, FitState, Generator
+from kfit.fitting.pipeline import FitPipeline
 from kfit.geometry import Crop
+from kfit.models.find_poses import pose_of
 from kfit.pose import CategoryModel, PoseResult
+from kfit.pose.object_finder import FoundObject
 from kfit.pose.observed_object import ObservedObject
 from kfit.segmentation import Photo
 
@@ -90,18 +94,18 @@ class Watching(Callback):
 def watched(
     model: CategoryModel,
     photo: Photo,
-    mask: NDArray[np.float32] | None,
+    target: FoundObject,
     intrinsics: NDArray[np.float64] | None = None,
     depth: NDArray[np.float32] | None = None,
 ) -> Iterator[Drawn | PoseResult]:
-    """The model's own fit, in a thread beside: one `Drawn` a step, at last the result.
+    """The fit of `kfit pose`, in a thread beside: one `Drawn` a step, at last the result.
 
     Whoever stops iterating ends the fit.
 
     Args:
         model: of the object's category.
         photo: that is looked at.
-        mask: (H, W), above one half on the object; None where the photo's alpha channel tells.
+        target: the object in it.
         intrinsics, depth: as `kfit.pose.CategoryModel.pose` takes them.
 
     Raises:
@@ -109,14 +113,17 @@ def watched(
     """
     told: SimpleQueue[Drawn | PoseResult | BaseException] = SimpleQueue()
     left = Event()
-    category = model.card.category
-    observed = ObservedObject.of(photo, category, model.image_size, mask, intrinsics=intrinsics, depth=depth)
-    pipeline = model.pipeline(depth=depth is not None, lens_known=observed.lens_known)
-    pipeline.callbacks.append(Watching(pipeline.generator, observed, told.put, left))  # type: ignore[arg-type]
+    given: dict[str, Any] = {"intrinsics": intrinsics, "depth": depth}
+    observed = ObservedObject.of(photo, model.card.category, model.image_size, segmenter=target, **given)
+
+    def pipeline(model: CategoryModel) -> FitPipeline:
+        made = model.pipeline(depth=depth is not None, lens_known=observed.lens_known)
+        made.callbacks.append(Watching(made.generator, observed, told.put, left))  # type: ignore[arg-type]
+        return made
 
     def fit() -> None:
         try:
-            told.put(model.answer(pipeline(observed.observation, seed=0), observed))
+            told.put(pose_of(model, photo, target, pipeline=pipeline, **given))
         except BaseException as error:  # whatever it is, it is told to those who wait
             told.put(error)
 

@@ -20,13 +20,14 @@ from kfit.cli.category_names import named_category
 from kfit.cli.object_arguments import camera_of
 from kfit.cli.photo_files import photo_files
 from kfit.cli.pose_arguments import parser
+from kfit.cli.pose_views import answer_views, read_poses
 from kfit.runtime.console import log, progress, see_working_folder, status, table_console
 
 if TYPE_CHECKING:
     from kfit.fitting.pipeline import FitPipeline
     from kfit.pose import CategoryModel, PoseResult
-    from kfit.pose.object_finder import FoundObject, ObjectFinder
-    from kfit.segmentation import Photo, Segmenter
+    from kfit.pose.object_finder import FoundObject
+    from kfit.segmentation import Photo
 
 __all__ = ["command", "parser", "run"]
 # Width of the table where stdout is no terminal.
@@ -40,8 +41,9 @@ def run(args: Namespace) -> None:
     with status("Loading kfit …"):
         from kfit.models import load
         from kfit.pose.object_finder import ObjectFinder
+        from kfit.pose.targets import find_targets
         from kfit.runtime.devices import device_of, precision
-        from kfit.segmentation import load_segmenter
+        from kfit.segmentation import depth_from_file, load_segmenter, mask_from_file, read_photo
 
     if args.animation is not None:
         from kfit.reports.animation import check_suffix
@@ -53,38 +55,46 @@ def run(args: Namespace) -> None:
         check_mesh_suffix(args.mesh)
     own = None if args.model is None else load(args.model)
     category = own.card.category if own is not None else args.category and named_category(args.category)
+    poses = None if args.relative_poses is None else read_poses(args.relative_poses, len(photos))
     segmenter = None if args.segmenter is None else load_segmenter(args.segmenter)
-    device, finder, model_of = device_of(args.device), ObjectFinder(), lru_cache(load)
+    device, finder, loaded = device_of(args.device), ObjectFinder(), lru_cache(load)
+
+    def model_of(name: str) -> CategoryModel:
+        return (own or loaded(name)).to(device)
+
+    def found(number: int) -> tuple[Photo, list[FoundObject]]:
+        name = photos[number]
+        try:
+            photo = read_photo(name)
+            mask = None if args.mask is None else mask_from_file(args.mask[number], photo.image.shape[:2])
+            box = None if args.box is None else tuple(args.box[number])
+            with status(f"Looking for objects in {name} …") if len(photos) == 1 else nullcontext():
+                targets = find_targets(photo, category, mask, box, segmenter, finder)
+        except (ValueError, OSError) as error:
+            if len(photos) == 1 or name in str(error):
+                raise
+            raise ValueError(f"{name}: {error}") from error
+        return photo, _picked(targets) if args.pick else targets
+
     answers: dict[str, list[PoseResult]] = {}
     with progress() as bar, precision(args.precision, device):
-        for name in bar.track(photos, description="Photos") if len(photos) > 1 else photos:
+        if poses is not None:
+            answers[photos[0]] = [answer_views(args, photos, [found(n) for n in range(len(photos))], poses, model_of)]
+            _report(args, answers)
+            return
+        for number, name in enumerate(bar.track(photos, description="Photos") if len(photos) > 1 else photos):
             try:
-                with status(f"Looking for objects in {name} …") if len(photos) == 1 else nullcontext():
-                    photo, depth, targets = _found(args, name, category, segmenter, finder)
-                targets = _picked(targets) if args.pick else targets
+                photo, targets = found(number)
+                depth = None if args.depth is None else depth_from_file(args.depth, photo.image.shape[:2])
                 _check_one(args, targets)
                 answers[name] = [
-                    _answer(args, (own or model_of(target.category)).to(device), photo, target, depth, len(photos))
-                    for target in targets
+                    _answer(args, model_of(target.category), photo, target, depth, len(photos)) for target in targets
                 ]
             except (ValueError, OSError) as error:
                 if len(photos) == 1:
                     raise
                 log.warning("%s", str(error) if name in str(error) else f"{name}: {error}")
     _report(args, answers)
-
-
-def _found(
-    args: Namespace, name: str, category: str | None, segmenter: Segmenter | None, finder: ObjectFinder
-) -> tuple[Photo, Any, list[FoundObject]]:
-    """The photo of that name, its depth, and the objects in it."""
-    from kfit.pose.targets import find_targets
-    from kfit.segmentation import depth_from_file, mask_from_file, read_photo
-
-    photo = read_photo(name)
-    mask = None if args.mask is None else mask_from_file(args.mask, photo.image.shape[:2])
-    depth = None if args.depth is None else depth_from_file(args.depth, photo.image.shape[:2])
-    return photo, depth, find_targets(photo, category, mask, args.box and tuple(args.box), segmenter, finder)
 
 
 def _check(args: Namespace, photos: Sequence[str]) -> None:
@@ -104,7 +114,15 @@ def _check(args: Namespace, photos: Sequence[str]) -> None:
         raise ValueError("--fit and --depth were both given; a recipe fits colour alone")
     if args.report is not None and Path(args.report).suffix.lower() not in (".html", ".htm"):
         raise ValueError(f"--report must name an .html file, got {args.report!r}")
-    for option in ("mask", "box", "depth", "report", "animation", "mesh"):
+    for option in ("mask", "box"):
+        if args[option] is not None and len(args[option]) != len(photos):
+            raise ValueError(f"--{option} must be given once for each of {len(photos)} photos, got {len(args[option])}")
+    several = args.relative_poses is not None
+    if several and len(photos) < 2:
+        raise ValueError("--relative-poses is of several photos of one object, but 1 photo was given")
+    if several and args.fit is not None:
+        raise ValueError("--fit and --relative-poses were both given; a recipe fits one photo")
+    for option in ("depth",) if several else ("depth", "report", "animation", "mesh"):
         if args[option] is not None and len(photos) > 1:
             raise ValueError(f"--{option} is of one photo, but {len(photos)} were given")
 
@@ -218,8 +236,7 @@ def command(args: Namespace) -> str:
     words = ["kfit", "pose", *args.photo]
     for option, value in args.items():
         if option in defaults and option != "photo" and value != defaults[option]:
-            words.append(f"--{option}")
-            words += (
-                [] if value is True else [f"{part:g}" for part in value] if isinstance(value, list) else [str(value)]
-            )
+            for one in value if option in ("mask", "box") else [value]:
+                words.append(f"--{option.replace('_', '-')}")
+                words += [] if one is True else [f"{part:g}" for part in one] if isinstance(one, list) else [str(one)]
     return shlex.join(words)

@@ -42,6 +42,7 @@ def test_what_is_found_in_a_photo_can_be_chosen(visit, upload, drawn_mug, monkey
     assert visit.mask is masks[0]
     visit.choose(1)
     assert visit.mask is masks[1]
+    assert visit.command("b") == "kfit pose mug.png"
     assert visit.command("mug") == "kfit pose mug.png --category mug --box 1 2 3 4"
     visit.take(upload(drawn_mug))
     assert visit.found() == []
@@ -61,7 +62,8 @@ def test_a_file_that_is_refused_is_deleted_too_and_what_was_there_stays(visit, u
 def test_an_alpha_channel_does_without_a_box(visit, upload, drawn_mug):
     visit.take(upload(drawn_mug))
     assert np.array_equal(visit.mask, drawn_mug[..., 3].astype(np.float32) / np.float32(255))
-    assert visit.command("mug") == "kfit pose mug.png --category mug"
+    assert visit.command(visit.target.category) == "kfit pose mug.png"
+    assert visit.command("bowl") == "kfit pose mug.png --category bowl"
 
 
 def test_a_box_is_cut_as_the_command_line_does(visit, upload, drawn_mug):
@@ -125,7 +127,7 @@ def test_a_brush_adds_to_a_mask_and_takes_from_it(visit, upload, drawn_mug):
 
 def test_a_brush_needs_a_mask(visit, upload, drawn_mug):
     visit.take(upload(drawn_mug[..., :3]))
-    visit.mask = None
+    visit.target = None
     with pytest.raises(ValueError, match=r"^Draw a box around the object first"):
         visit.paint([(0.5, 0.5)], keep=True)
 
@@ -136,8 +138,8 @@ def test_camera_and_depth_are_part_of_the_command_and_of_the_program(visit, uplo
     assert visit.depth.max() == pytest.approx(0.5)
     with pytest.raises(ValueError, match="9 x 9"):
         visit.take_depth(upload(np.full((9, 9), 500, np.uint16), "small.png"))
-    command = visit.command("mug", (600, 600, 63.5, 63.5))
-    assert command == "kfit pose mug.png --category mug --intrinsics 600 600 63.5 63.5 --depth depth.png"
+    command = visit.command("bowl", (600, 600, 63.5, 63.5))
+    assert command == "kfit pose mug.png --category bowl --intrinsics 600 600 63.5 63.5 --depth depth.png"
     program = snippet_of("my mug.png", "mug", (600, 600, 63.5, 63.5), "depth.png")
     compile(program, "repeat.py", "exec")
     assert "read_photo('my mug.png')" in program
@@ -167,7 +169,7 @@ def test_a_fit_can_be_downloaded_in_all_its_forms(visit, upload, drawn_mug, monk
     assert all(isinstance(one, Drawn) for one in drawn)
     assert isinstance(result, PoseResult)
     files = visit.write(result)
-    assert asked == [("mug", "kfit pose mug.png --category mug")]
+    assert asked == [("mug", visit.command("mug"))]
     assert files["report.html"].read_text() == "<!doctype html>"
     assert json.loads(files["pose.json"].read_text()) == json.loads(json.dumps(result.to_dict()))
     assert {path.name for path in visit.folder.iterdir()} == set(files) == set(FILES)
