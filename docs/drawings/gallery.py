@@ -9,6 +9,7 @@ from __future__ import annotations
 import subprocess
 import sys
 import tempfile
+from functools import cache
 from pathlib import Path
 
 import cv2
@@ -51,6 +52,7 @@ def seen(category: str) -> tuple[Photo, np.ndarray]:
     return Photo(picture.astype(np.float32) / np.float32(255)), mask.astype(np.float32) / np.float32(255)
 
 
+@cache
 def fitted(category: str) -> tuple[Photo, list[Drawn], PoseResult]:
     """The picture, the drawing after each step, and the answer."""
     photo, mask = seen(category)
