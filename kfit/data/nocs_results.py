@@ -93,7 +93,8 @@ def write_result(folder: str | Path, result: dict[str, Any]) -> Path:
 
     Example:
         >>> from kfit.data import read_results, result_files, write_result
-        >>> path = write_result("results", {"image_path": "real/test/scene_1/0000", "gt_class_ids": [], "pred_class_ids": []})
+        >>> result = {"image_path": "real/test/scene_1/0000", "gt_class_ids": [], "pred_class_ids": []}
+        >>> path = write_result("results", result)
         >>> [file.name for file in result_files("results")]
         ['results_test_scene_1_0000.pkl']
         >>> [result["image_path"] for result in read_results(result_files("results"))]
@@ -139,7 +140,8 @@ def read_results(files: Iterable[str | Path]) -> Iterator[dict[str, Any]]:
 
     Example:
         >>> from kfit.data import read_results, write_result
-        >>> path = write_result("results", {"image_path": "real/test/scene_1/0000", "gt_class_ids": [], "pred_class_ids": []})
+        >>> result = {"image_path": "real/test/scene_1/0000", "gt_class_ids": [], "pred_class_ids": []}
+        >>> path = write_result("results", result)
         >>> len(list(read_results([path])))
         1
     """
