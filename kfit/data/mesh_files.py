@@ -33,7 +33,7 @@ _FARTHEST = 1e15
 
 
 def find_meshes(folder: str | Path) -> list[Path]:
-    """Mesh files below a folder, one an object, sorted.
+    """Find the mesh files in a folder, one for each object, sorted.
 
     An object's own folder ``<id>`` may hold ``model.obj`` (NOCS) or ``models/model_normalized.obj`` (ShapeNetCore v2);
     these come first, and where a folder has neither, any OBJ, GLB, glTF, PLY or STL file in it counts. The log lists
@@ -113,7 +113,7 @@ def load_mesh(path: str | Path) -> Mesh:
 
 @contextmanager
 def _without_ghostscript() -> Iterator[None]:
-    """Pillow takes PostScript for a picture, whatever it is called, and would have Ghostscript run it."""
+    """Disable PostScript, which Pillow recognises under any file name and passes to Ghostscript."""
     before, EpsImagePlugin.gs_binary = EpsImagePlugin.gs_binary, False
     try:
         yield
@@ -154,7 +154,7 @@ def _part(geometry: trimesh.Trimesh) -> Mesh:
 
 
 def _smooth_normals(vertices: np.ndarray, normals: np.ndarray) -> np.ndarray:
-    """Average normals over vertices at one place, which files split at texture seams, but not across sharp edges."""
+    """Average normals over vertices at one place, which files split at texture seams, except across sharp edges."""
     _, group = np.unique(vertices, axis=0, return_inverse=True)
     total = np.stack([np.bincount(group.ravel(), weights=normals[:, k]) for k in range(3)], axis=1)
     mean = total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-12)
@@ -205,7 +205,7 @@ def _material_texture(material: object) -> np.ndarray:
 
 
 def _shrunk(picture: np.ndarray) -> np.ndarray:
-    """At most 1024 pixels a side, by the means of areas."""
+    """Reduce a picture to at most 1024 pixels a side, by area means."""
     largest = max(picture.shape[:2])
     if largest <= _MAX_TEXTURE:
         return picture

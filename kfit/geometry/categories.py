@@ -19,10 +19,6 @@ _NAME = re.compile(r"[A-Za-z][\w-]{0,39}")
 class Category:
     """A category of objects.
 
-    >>> vase = Category("vase", mean_diagonal=0.3, symmetry="y")
-    >>> vase.azimuth_deg
-    (0.0, 0.0)
-
     Args:
         name: a word; NOCS's six are spelled as there.
         mean_diagonal: mean length of the bounding box's diagonal in metres. Distances from colour alone rest on it.
@@ -40,9 +36,16 @@ class Category:
         shapes: import path of a module with ``build(rng, held_out)``, which draws one object as a `kfit.data.Mesh`;
             None where objects come from mesh files alone.
         nocs_id: class number in NOCS's files; None outside of them.
+        front: what points along +x, for sentences; None where nothing does.
 
     Raises:
         TypeError, ValueError: naming the field.
+
+    Example:
+        >>> from kfit.geometry import CATEGORIES, Category
+        >>> mug, vase = CATEGORIES["mug"], Category("vase", mean_diagonal=0.3, symmetry="y")
+        >>> mug.axes, mug.azimuth_deg, vase.azimuth_deg
+        ('y up, handle towards +x', (-180.0, 180.0), (0.0, 0.0))
     """
 
     name: str
@@ -57,6 +60,7 @@ class Category:
     mirror: bool = True
     shapes: str | None = None
     nocs_id: int | None = None
+    front: str | None = None
 
     def __post_init__(self) -> None:
         check_text("category: name", self.name)
@@ -76,6 +80,8 @@ class Category:
             check_text("category: shapes", self.shapes)
         if self.nocs_id is not None:
             check_count("category: nocs_id", self.nocs_id, 0, 10**6)
+        if self.front is not None:
+            check_text("category: front", self.front)
         for name in ("diagonals", "sides", "elevation_deg"):  # lists of YAML and JSON
             if (numbers := getattr(self, name)) is not None:
                 object.__setattr__(self, name, tuple(float(number) for number in numbers))
@@ -123,6 +129,7 @@ CATEGORIES: dict[str, Category] = {
             axes="y up, lens towards +x",
             shapes=_DRAWN + "camera",
             nocs_id=3,
+            front="lens",
         ),
         Category("can", 0.15, "y", (0.06, 0.35), 1.03, (0.75, 0.97, 0.75), axes=_Y, shapes=_DRAWN + "can", nocs_id=4),
         Category(
@@ -131,6 +138,7 @@ CATEGORIES: dict[str, Category] = {
             axes="y up, screen facing +x",
             shapes=_DRAWN + "laptop",
             nocs_id=5,
+            front="screen",
         ),
         Category(
             "mug",
@@ -138,6 +146,7 @@ CATEGORIES: dict[str, Category] = {
             axes="y up, handle towards +x",
             shapes=_DRAWN + "mug",
             nocs_id=6,
+            front="handle",
         ),
     )
 }
