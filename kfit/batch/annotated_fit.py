@@ -13,7 +13,8 @@ import numpy as np
 from kfit.batch.fit_data import FitData, ImageToFit, ObjectToFit
 from kfit.batch.nocs_fit import object_key, prediction_of
 from kfit.core.check import check_count
-from kfit.data.annotated_frame import AnnotatedFrame, AnnotatedFrames, AnnotatedObject
+from kfit.data.annotated_frame import AnnotatedFrame, AnnotatedObject
+from kfit.data.annotated_frames import AnnotatedFrames
 from kfit.geometry import CATEGORIES
 from kfit.pose.result import PoseResult
 from kfit.segmentation import ObjectMask, depth_from_file, read_photo

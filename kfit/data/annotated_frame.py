@@ -1,18 +1,12 @@
-"""Pictures with objects of known pose, whatever data set they are of, and the contract of its reader."""
+"""Pictures with objects of known pose, whatever data set they are of."""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-
-if TYPE_CHECKING:
-    from kfit.data.nocs_results import NOCSPrediction
 
 # What data sets call kfit's categories.
 WORDS = {"cup": "mug", "mug": "mug", "bottle": "bottle", "bowl": "bowl", "camera": "camera", "can": "can"}
@@ -97,30 +91,3 @@ class AnnotatedFrame:
     objects: tuple[AnnotatedObject, ...]
     depth: Path | None = None
     depth_unit: float = 0.001
-
-
-class AnnotatedFrames(ABC):
-    """Reads a data set, a frame when it is asked for."""
-
-    @abstractmethod
-    def __len__(self) -> int:
-        """Number of frames."""
-
-    @abstractmethod
-    def __getitem__(self, index: int) -> AnnotatedFrame:
-        """Read a frame.
-
-        Raises:
-            FileNotFoundError, ValueError: for files that are missing or hold something else.
-        """
-
-    @abstractmethod
-    def result_name(self, index: int) -> str:
-        """Name of the file of a frame's result."""
-
-    def write(self, path: Path, frame: AnnotatedFrame, found: Sequence[NOCSPrediction]) -> None:
-        """Write what was found in a frame, by default as `kfit evaluate` reads it."""
-        from kfit.data.nocs_pickle import dump_pickle
-        from kfit.data.nocs_results import make_result
-
-        dump_pickle(path, make_result(frame, found))

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kfit.core.check import check_text
-from kfit.data.annotated_frame import AnnotatedFrame, AnnotatedFrames, AnnotatedObject
+from kfit.data.annotated_frame import AnnotatedFrame, AnnotatedObject
+from kfit.data.annotated_frames import AnnotatedFrames
 from kfit.data.mesh_places import MeshFile, stand_of
 from kfit.data.nocs_frame import read_picture
 from kfit.data.nocs_results import NOCSPrediction

@@ -30,13 +30,18 @@ class MeshFile:
         path: of the file.
         category: of the object, None where nobody said.
         up: axis of the file that points up, such as ``"y"`` or ``"-z"``.
-        front: axis of the file that becomes +x, the category's front.
+        front: axis of the file that becomes +x, the category's front; where none is given, the one that the shortest
+            turn takes there.
     """
 
     path: Path
     category: str | None = None
     up: str = "y"
-    front: str = "x"
+    front: str = ""
+
+    def __post_init__(self) -> None:
+        if not self.front:
+            object.__setattr__(self, "front", _FRONTS[self.up])
 
     @property
     def name(self) -> str:

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kfit.core.check import check_text
-from kfit.data.annotated_frame import WORDS, AnnotatedFrame, AnnotatedFrames, AnnotatedObject
+from kfit.data.annotated_frame import WORDS, AnnotatedFrame, AnnotatedObject
+from kfit.data.annotated_frames import AnnotatedFrames
 
 _LARGEST = 200_000_000
 # From ARKit's camera of the landscape sensor (x right, y up, z backwards) to OpenCV's of the upright picture.

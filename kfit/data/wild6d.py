@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from kfit.core.check import check_text
-from kfit.data.annotated_frame import WORDS, AnnotatedFrame, AnnotatedFrames, AnnotatedObject
+from kfit.data.annotated_frame import WORDS, AnnotatedFrame, AnnotatedObject
+from kfit.data.annotated_frames import AnnotatedFrames
 from kfit.data.nocs_frame import read_picture
 from kfit.data.nocs_pickle import load_pickle
 

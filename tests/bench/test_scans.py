@@ -34,7 +34,7 @@ def test_whole_words_of_names_tell_the_category(tmp_path: Path) -> None:
 def test_what_is_said_of_a_scan_counts_before_its_name(tmp_path: Path) -> None:
     for name in ("mug", "shampoo"):
         write_box(tmp_path / name)
-    said = [f"bottle={tmp_path / 'shampoo'}@-y", f"bowl={tmp_path / 'mug'}", f"{tmp_path}@y"]
+    said = [f"{tmp_path}@y", f"bottle={tmp_path / 'shampoo'}@-y", f"bowl={tmp_path / 'mug'}"]
     scans, unknown = find_scans(said, CATEGORIES)
     assert {(scan.name, scan.category, scan.up) for scan in scans} == {
         ("shampoo", "bottle", "-y"),
