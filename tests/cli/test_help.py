@@ -94,7 +94,7 @@ def test_every_command_shows_the_general_options(capsys):
         ([*["bench", "nonsense"]], "`kfit bench --help` shows the usage"),
         (["info", "--nonsense"], "unrecognized arguments: --nonsense; `kfit info --help` shows the usage"),
         (["poes", "a.jpg"], "did you mean pose? `kfit --help` shows the usage"),
-        (["pose", "a.jpg", "--catgory", "mug"], "--catgory mug; did you mean --category? `kfit pose --help` tells"),
+        (["pose", "a.jpg", "--catgory", "mug"], "--catgory mug; did you mean --category? `kfit pose --help` shows"),
         (["bench", "acuracy"], "did you mean accuracy? `kfit bench --help` shows the usage"),
         (["fitt", "-c", "recipe.yaml"], "did you mean fit? `kfit --help` shows the usage"),
     ],
