@@ -54,6 +54,13 @@ def run(args: Namespace) -> None:
     category = own.card.category if own is not None else args.category and named_category(args.category)
     segmenter = None if args.segmenter is None else load_segmenter(args.segmenter)
     device, finder, model_of = device_of(args.device), ObjectFinder(), lru_cache(load)
+    if args.fit is not None:
+        from kfit.geometry import CATEGORIES
+        from kfit.pose.fit_recipe import fit_of
+
+        # A mistake in the recipe ends the command before any photo is read.
+        see_working_folder()
+        fit_of(args.fit, own or model_of(category or next(iter(CATEGORIES))))
     answers: dict[str, list[PoseResult]] = {}
     with progress() as bar, precision(args.precision, device):
         for name in bar.track(photos, description="Photos") if len(photos) > 1 else photos:
@@ -136,7 +143,6 @@ def _answer(
         else:
             from kfit.pose.fit_recipe import fit_of
 
-            see_working_folder()
             made = fit_of(args.fit, model)
         if num_photos == 1:
             made.callbacks.append(Progress())
