@@ -2,31 +2,29 @@
 
 from __future__ import annotations
 
-import json
 import shutil
-from collections import OrderedDict
-from collections.abc import Iterator
-from functools import lru_cache
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import lru_cache, partial
 from pathlib import Path
-from tempfile import mkdtemp
-from threading import Lock
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from kfit.app.uploads import checked, read_upload
+from kfit.app.brush import painted
+from kfit.app.downloads import snippet_of, write_downloads
+from kfit.app.examples import Example
+from kfit.app.uploads import check_size, checked, read_upload
 from kfit.app.watched import Drawn, watched
 from kfit.models import load
 from kfit.pose import CategoryModel, PoseResult
-from kfit.pose.object_finder import FoundObject
-from kfit.pose.targets import find_targets, with_score
-from kfit.runtime.atomic_write import atomic_write
-from kfit.segmentation import ObjectMask, Photo, mask_from_alpha, mask_from_file
+from kfit.pose.object_finder import FoundObject, box_of
+from kfit.pose.targets import find_targets
+from kfit.segmentation import Photo, Segment, depth_from_file, mask_from_alpha, mask_from_file
 
-EXAMPLE_MASK = Path(__file__).parent / "coffee_mask.png"
-# Idle visitors are forgotten beyond so many sessions, and pixels in all of them, which are 12 bytes each.
-MOST_SESSIONS, MOST_PIXELS = 24, 200_000_000
 Fractions = tuple[float, float, float, float]
+Camera = tuple[float, float, float, float]
 
 
 class Session:
@@ -36,28 +34,50 @@ class Session:
         folder: of its own, deleted by `close`.
 
     Attributes:
+        photo: the picture.
+        targets: what was found in it.
+        target: the one that is to be fitted, found, drawn or told by a mask.
+        category: that is likely, or was chosen last.
+        depth: (H, W) in metres, where it was handed in.
         busy: whether a fit of it waits or runs, so that it makes room for no other.
     """
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.photo: Photo | None = None
-        self.mask: NDArray[np.float32] | None = None
+        self.target: FoundObject | None = None
+        self.depth: NDArray[np.float32] | None = None
+        self.category: str | None = None
         self.targets: list[FoundObject] = []
         self.busy = False
-        self._name = ""
-        # How `kfit pose` is told the object.
-        self._told: list[str] = []
+        self._name = self._depth_name = ""
+        # What points at the object, for `find_targets` and for `kfit pose`; neither where it was found.
+        self._pointed: dict[str, Any] = {}
+        self._words: list[str] = []
+
+    @property
+    def mask(self) -> NDArray[np.float32] | None:
+        """Of the object that is to be fitted, (H, W)."""
+        return None if self.target is None else self.target.segment.mask
 
     @property
     def pixels(self) -> int:
         """Number of pixels of the photo."""
         return 0 if self.photo is None else self.photo.image.shape[0] * self.photo.image.shape[1]
 
-    def take(self, path: Path) -> None:
-        """Read an uploaded photo and delete the file; an alpha channel that sets an object off is its mask.
+    @property
+    def image(self) -> NDArray[np.float32]:
+        """The photo's pixels (H, W, 3).
 
-        Without such a channel the objects of kfit's categories are found, and the first of them is chosen.
+        Raises:
+            ValueError: if there is no photo.
+        """
+        return self._seen().image
+
+    def take(self, path: Path) -> None:
+        """Read an uploaded photo, delete the file, and find the objects of kfit's categories.
+
+        An alpha channel that sets an object off tells the one that is meant. The first found is chosen.
 
         Raises:
             ValueError: for a file that cannot be used, in one sentence; what was there before stays.
@@ -66,11 +86,10 @@ class Session:
             photo = read_upload(path)
         finally:
             path.unlink(missing_ok=True)
-        alpha = mask_from_alpha(photo.alpha)
-        self.photo, self.mask, self._name, self._told = photo, alpha, path.name, []
-        self.targets = find_targets(photo) if alpha is None else []
-        if self.targets:
-            self.choose(0)
+        targets = find_targets(photo)
+        self._begin(photo, path.name)
+        self._take_target(targets[0] if targets else None)
+        self.targets = targets if mask_from_alpha(photo.alpha) is None else []
 
     def found(self) -> list[str]:
         """Names of what was found, each with its probability."""
@@ -78,17 +97,16 @@ class Session:
 
     def choose(self, number: int) -> None:
         """Take what was found as number ``number``, from 0, for the object."""
-        target = self.targets[number]
-        self.mask = target.segment.mask
-        self._told = ["--box", *(f"{part:.0f}" for part in target.box)]
+        self._pointed, self._words = {}, []
+        self._take_target(self.targets[number])
 
-    def take_example(self) -> None:
-        """Take the photo of a cup that scikit-image ships, with a mask drawn by hand."""
-        from skimage.data import coffee
-
-        self.photo = Photo(coffee().astype(np.float32) / np.float32(255))
-        self.mask = mask_from_file(EXAMPLE_MASK, self.photo.image.shape[:2])
-        self._name, self._told, self.targets = "coffee.png", ["--mask", EXAMPLE_MASK.name], []
+    def take_example(self, example: Example) -> None:
+        """Take an example's picture and mask."""
+        image = example.image()
+        self._begin(Photo(image.astype(np.float32) / np.float32(255)), f"{example.name}.png")
+        mask = mask_from_file(example.mask, image.shape[:2])
+        self._take_target(FoundObject(example.category, 1.0, box_of(mask), Segment(mask)))
+        self._pointed, self._words = {"mask": mask}, ["--mask", "mask.png"]
 
     def take_mask(self, path: Path) -> None:
         """Read an uploaded mask and delete the file.
@@ -97,10 +115,27 @@ class Session:
             ValueError: if it cannot be used or there is no photo yet; what was there before stays.
         """
         try:
-            self.mask = checked(path, lambda file: mask_from_file(file, self._seen().image.shape[:2]))
+            mask = checked(path, lambda file: mask_from_file(file, self._seen().image.shape[:2]))
         finally:
             path.unlink(missing_ok=True)
-        self._told = ["--mask", path.name]
+        self._point(["--mask", path.name], mask=mask)
+
+    def take_depth(self, path: Path) -> None:
+        """Read an uploaded depth map and delete the file.
+
+        Raises:
+            ValueError: if it cannot be used or there is no photo yet; what was there before stays.
+        """
+        try:
+            check_size(path)
+            read = partial(depth_from_file, shape=self._seen().image.shape[:2])
+            # What lies in memory by a file's map would be gone with the file.
+            self.depth = np.array(read(path) if path.suffix == ".npy" else checked(path, read))
+        except (ValueError, OSError) as error:
+            raise ValueError(str(error).replace(str(path), path.name)) from error
+        finally:
+            path.unlink(missing_ok=True)
+        self._depth_name = path.name
 
     def draw(self, box: Fractions) -> None:
         """Find the object in a box; where none is found there is no mask.
@@ -111,113 +146,108 @@ class Session:
         Raises:
             ValueError: if nothing stands out in the box, or there is no photo yet.
         """
-        image = self._seen().image
-        height, width = image.shape[:2]
+        height, width = self._seen().image.shape[:2]
         left, top, across, down = (
             round(part * whole) for part, whole in zip(box, (width, height, width, height), strict=True)
         )
-        self.mask = None
-        self.mask = ObjectMask()(image, "object", (left, top, across, down)).mask
-        self._told = ["--box", *(str(number) for number in (left, top, across, down))]
+        self.target = None
+        box_in_pixels = (left, top, across, down)
+        self._point(["--box", *map(str, box_in_pixels)], box=box_in_pixels)
 
-    def fit(self, category: str | None) -> Iterator[Drawn | PoseResult]:
-        """Fit what the mask shows: one `Drawn` a step, at last the result.
+    def paint(self, points: Sequence[tuple[float, float]], keep: bool) -> None:
+        """Add what a brush went over to the mask, or take it away.
 
         Raises:
-            ValueError: if picture, mask or category is still to be given.
+            ValueError: if there is no mask to change, or nothing would be left of it.
         """
-        photo = self._seen()
-        if self.mask is None:
+        self._seen()
+        if self.target is None:
+            raise ValueError("Draw a box around the object first; then its mask can be corrected.")
+        mask = painted(self.target.segment.mask, points, keep)
+        self.target = replace(self.target, segment=Segment(mask))  # `fit` looks at it anew
+        self._pointed, self._words = {"mask": mask}, ["--mask", "mask.png"]
+
+    def fit(self, category: str | None, camera: Camera | None = None) -> Iterator[Drawn | PoseResult]:
+        """Fit the object as `command` does: one `Drawn` a step, at last the result.
+
+        Args:
+            category: of the object.
+            camera: fx, fy, cx and cy in pixels.
+
+        Raises:
+            ValueError: if picture, object or category is still to be given.
+        """
+        photo, target = self._seen(), self.target
+        if target is None:
             raise ValueError("Draw a box around the object first, so that it is known what is to be fitted.")
         if category is None:
             raise ValueError("Choose what kind of object it is.")
-        # The photo's own alpha channel is used as `kfit pose` does, which is not told of it.
-        mask = self.mask if self._told else None
-        return self._checked(watched(_model(category), photo, mask), photo, category, mask)
+        pointed, words = self._arguments(category)
+        if words:
+            (target,) = find_targets(photo, category, **pointed)
+        intrinsics = None
+        if camera is not None:
+            fx, fy, cx, cy = camera
+            intrinsics = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+        return watched(_model(category), photo, target, intrinsics, self.depth)
 
-    @staticmethod
-    def _checked(
-        news: Iterator[Drawn | PoseResult], photo: Photo, category: str, mask: NDArray[np.float32] | None
-    ) -> Iterator[Drawn | PoseResult]:
-        """The same, with the answer's confidence bounded by how probable the category is."""
-        for one in news:
-            if isinstance(one, PoseResult):
-                (target,) = find_targets(photo, category, mask)
-                yield with_score(one, target)
-            else:
-                yield one
-
-    def command(self, category: str) -> str:
-        """The line that does the same in a terminal."""
+    def command(self, category: str, camera: Camera | None = None) -> str:
+        """The line that does the same in a terminal, for one object or, where it is named by nothing, for all."""
         from shlex import join
 
-        return join(["kfit", "pose", self._name, "--category", category, *self._told])
+        words = ["kfit", "pose", self._name, *self._arguments(category)[1]]
+        words += ["--intrinsics", *(f"{part:g}" for part in camera)] if camera is not None else []
+        return join(words + (["--depth", self._depth_name] if self.depth is not None else []))
 
-    def write(self, result: PoseResult) -> tuple[Path, Path]:
-        """Write what can be downloaded: report.html and pose.json, both or neither.
+    def _arguments(self, category: str) -> tuple[dict[str, Any], list[str]]:
+        """What tells the object to `find_targets`, and what to `kfit pose`; nothing where it is as it was found."""
+        named, target = ["--category", category], self.target
+        if self._pointed or target is None:
+            return self._pointed, [*named, *self._words]
+        if category == target.category:
+            return {}, []
+        if not self.targets:  # the alpha channel tells it
+            return {}, named
+        return {"box": target.box}, [*named, "--box", *(f"{part:.0f}" for part in target.box)]
+
+    def write(self, result: PoseResult, camera: Camera | None = None) -> dict[str, Path]:
+        """Write what can be downloaded, `kfit.app.downloads.FILES`; paths by name.
 
         Raises:
             ValueError: if the visit is over; the folder would be there for good.
         """
         self._seen()
-        from kfit import report
+        depth = self._depth_name if self.depth is not None else None
+        snippet = snippet_of(self._name, result.category, camera, depth)
+        return write_downloads(self.folder, result, self.command(result.category, camera), snippet)
 
-        page, numbers = atomic_write(
-            self.folder,
-            {
-                "report.html": lambda path: report(result, path, command=self.command(result.category)),
-                "pose.json": lambda path: path.write_text(json.dumps(result.to_dict(), indent=2) + "\n"),
-            },
-        )
-        return page, numbers
+    def clear(self) -> None:
+        """Forget the photo and what belongs to it; what was downloaded may be so again."""
+        self.photo = self.target = self.depth = self.category = None
+        self.targets = []
 
     def close(self) -> None:
         """Delete everything."""
-        self.photo = self.mask = None
-        self.targets = []
+        self.clear()
         shutil.rmtree(self.folder, ignore_errors=True)
+
+    def _begin(self, photo: Photo, name: str) -> None:
+        self.clear()
+        self.photo, self._name, self._pointed, self._words = photo, name, {}, []
+
+    def _take_target(self, target: FoundObject | None) -> None:
+        self.target, self.category = target, None if target is None else target.category
+
+    def _point(self, words: list[str], **pointed: Any) -> None:
+        """Take what a mask or a box points at for the object; ``words`` tell `kfit pose` the same."""
+        (target,) = find_targets(self._seen(), **pointed)
+        self._pointed, self._words = pointed, words
+        self._take_target(target)
 
     def _seen(self) -> Photo:
         if self.photo is None:
             raise ValueError("There is no picture: choose one, also if you had, as pictures are not kept for long.")
         return self.photo
-
-
-class Sessions:
-    """All visitors' sessions; of those that are not busy, the one used longest ago makes room where they are too many.
-
-    Args:
-        folder: in which each gets a folder of its own.
-    """
-
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
-        self._open: OrderedDict[str, Session] = OrderedDict()
-        self._lock = Lock()
-
-    def __len__(self) -> int:
-        return len(self._open)
-
-    def of(self, visitor: str) -> Session:
-        """The visitor's session, a new one at the first call."""
-        with self._lock:
-            if visitor not in self._open:
-                self._open[visitor] = Session(Path(mkdtemp(prefix="session-", dir=self.folder)))
-            self._open.move_to_end(visitor)
-            idle = [name for name, session in self._open.items() if not session.busy and name != visitor]
-            for name in idle:
-                pixels = sum(session.pixels for session in self._open.values())
-                if len(self._open) <= MOST_SESSIONS and pixels <= MOST_PIXELS:
-                    break
-                self._open.pop(name).close()
-            return self._open[visitor]
-
-    def close(self, visitor: str) -> None:
-        """Forget the visitor and delete what is theirs; fine where nothing is."""
-        with self._lock:
-            session = self._open.pop(visitor, None)
-        if session is not None:
-            session.close()
 
 
 @lru_cache

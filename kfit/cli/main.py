@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 from jsonargparse import ArgumentError, ArgumentParser, Namespace
 
 from kfit import __version__
 from kfit.bench import calibrate
 from kfit.bench import command as bench
-from kfit.cli import app, completion, evaluate, export, info, pack, pose, video
+from kfit.cli import app, completion, demo, evaluate, export, info, pack, pose, video
+from kfit.cli.did_you_mean import suggestion
 from kfit.runtime.console import ENDINGS, add_general_options, session
 from kfit.runtime.help_page import HelpPage, tree
 from kfit.runtime.parse_errors import sentence
@@ -23,6 +25,7 @@ TRAINING = {
     "predict": "Fit a whole data set as a recipe says.",
 }
 COMMANDS = {
+    "demo": demo,
     "pose": pose,
     "video": video,
     "app": app,
@@ -36,7 +39,8 @@ COMMANDS = {
 }
 MOST = 10**9
 EXAMPLES = """examples:
-  kfit pose photo.jpg --category mug --box 120 80 300 260
+  kfit demo
+  kfit pose photo.jpg --open
   kfit fit -c recipes/smoke.yaml
   kfit info
 
@@ -78,13 +82,21 @@ def check_numbers(arguments: Namespace) -> None:
     """
     for name, value in arguments.items():
         option = f"--{name.replace('_', '-')}"
-        for number in value if isinstance(value, list) else [value]:
+        for number in _flat(value):
             if isinstance(number, float) and not math.isfinite(number):
                 raise ValueError(f"{option} must be finite, got {number}")
             if name == "seed" and not 0 <= number < 2**63:
                 raise ValueError(f"{option} must lie between 0 and 2^63 - 1, got {number}")
             if name != "seed" and isinstance(number, int) and abs(number) > MOST:
                 raise ValueError(f"{option} must be at most {MOST:,}, got {number:,}")
+
+
+def _flat(value: Any) -> Iterator[Any]:
+    if isinstance(value, list):
+        for part in value:
+            yield from _flat(part)
+    else:
+        yield value
 
 
 def check_places(arguments: Namespace) -> None:
@@ -128,8 +140,9 @@ def main(args: Sequence[str] | None = None) -> None:
             told = sentence(str(error))
             key = told.partition(" ")[0].replace("_", "-")
             option = any(f"--{key}" in part._option_string_actions for part in tree(top))
+            what = f"--{key}{told[len(key) :]}" if option else told
             raise ValueError(
-                f"{f'--{key}{told[len(key) :]}' if option else told}; `{' '.join(['kfit', *named])} --help` tells more"
+                f"{what};{suggestion(words, top, TRAINING)} `{' '.join(['kfit', *named])} --help` tells more"
             ) from None
         chosen: Namespace = arguments[arguments.subcommand]
         values = chosen[chosen.subcommand] if "subcommand" in chosen else chosen

@@ -8,16 +8,22 @@ from kfit.cli.category_names import SPOKEN
 from kfit.cli.photo_files import path_name
 
 
+def _number(value: str | list[float]) -> float | list[float]:
+    """A number; jsonargparse checks a whole box of them once more."""
+    return list(map(float, value)) if isinstance(value, list) else float(value)
+
+
 def parser() -> ArgumentParser:
     """Arguments of ``kfit pose``."""
     parser = ArgumentParser(
         description="Find the poses of the bottles, bowls, cameras, cans, laptops and mugs in a photo, without CAD "
         "models of them: writes DIR/pose.json and DIR/overlay.png and prints a line, or a table of several objects.",
         epilog="""examples:
-  kfit pose photo.jpg
+  kfit pose photo.jpg --open
   kfit pose photo.jpg --category mug --box 120 80 300 260
   kfit pose holiday/ --category cup --segmenter yolo11n-seg.onnx
-  kfit pose cutout.png --category laptop --intrinsics 1450 1450 960 540 --json""",
+  kfit pose cutout.png --category laptop --intrinsics 1450 1450 960 540 --json
+  kfit pose left.jpg right.jpg --relative-poses poses.json --intrinsics 1450 1450 960 540""",
     )
     parser.add_argument(
         "photo",
@@ -35,17 +41,20 @@ def parser() -> ArgumentParser:
     thing.add_argument(
         "--mask",
         type=str,
+        action="append",
         default=None,
         metavar="FILE",
-        help="a picture of the photo's size, light on the object (default: the photo's alpha channel)",
+        help="a picture of the photo's size, light on the object (default: the photo's alpha channel); of several "
+        "photos --mask once for each, in their order",
     )
     thing.add_argument(
         "--box",
-        type=float,
+        type=_number,
         nargs=4,
+        action="append",
         default=None,
         metavar=("X", "Y", "W", "H"),
-        help="box around the object in pixels",
+        help="box around the object in pixels; of several photos --box once for each",
     )
     thing.add_argument("--pick", action="store_true", help="list what was found, and ask which of it is meant")
     thing.add_argument(
@@ -64,6 +73,14 @@ def parser() -> ArgumentParser:
         default=None,
         metavar=("FX", "FY", "CX", "CY"),
         help="focal lengths and centre in pixels (default: by the photo's EXIF tags, else estimated)",
+    )
+    camera.add_argument(
+        "--relative-poses",
+        type=str,
+        default=None,
+        metavar="FILE.json",
+        help="the photos show one object, and the file holds a list of 4 x 4 matrices, one for each photo: from the "
+        "first camera to each, in metres (x right, y down, z forward), the identity first; they fix distance and size",
     )
     camera.add_argument(
         "--depth",
@@ -93,6 +110,12 @@ def parser() -> ArgumentParser:
     fit.add_argument("--seed", type=int, default=0, help="decides the random numbers")
     output = parser.add_argument_group("output")
     output.add_argument("--out", type=str, default="kfit_out", help="folder to write to", metavar="DIR")
+    output.add_argument(
+        "--open",
+        action="store_true",
+        help="show the answer in a browser: the page of --report, DIR/report.html unless named, or the pictures of "
+        "several objects",
+    )
     output.add_argument("--json", action="store_true", help="print the JSON instead of the line")
     output.add_argument(
         "--report", type=str, default=None, metavar="FILE.html", help="write a page about the fit as well"

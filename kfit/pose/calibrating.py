@@ -1,4 +1,4 @@
-"""Fitting a calibration to held-out answers, and checking what its probabilities are worth."""
+"""Fitting a calibration to held-out answers, and measuring its reliability."""
 
 from __future__ import annotations
 
@@ -11,42 +11,65 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize  # type: ignore[import-untyped]
 from scipy.special import expit  # type: ignore[import-untyped]
 
-from kfit.pose.confidence import Calibration
+from kfit.pose.confidence import UNMEASURED, Calibration
 
 FOLDS = 10
+# Of χ² with 6 degrees of freedom: the bound of the ellipsoid that holds 95 % of a Gaussian's poses.
+CHI2_95 = 12.592
 BINS = (0.0, 0.5, 0.7, 0.8, 0.9, 0.95, 1.0)
 
 
 def calibrate(
-    told: Sequence[dict[str, float]], right: Sequence[bool], energy: Sequence[float], fits: dict[str, Any], seed: int
+    told: Sequence[dict[str, float]],
+    right: Sequence[bool],
+    energy: Sequence[float],
+    fits: dict[str, Any],
+    seed: int,
+    distances: Sequence[float],
 ) -> Calibration:
-    """A calibration from N answers of held-out views, with what a cross-validation on them gives.
+    """Fit a calibration to N answers of held-out views, with the results of a cross-validation on them.
 
     Args:
-        told: what `kfit.pose.confidence.evidence` tells of each.
-        right: whether each is.
+        told: result of `kfit.pose.confidence.evidence` for each.
+        right: whether each is right.
         energy: of each.
-        fits: how they were fitted, as `kfit.pose.confidence.how_fitted` tells.
+        fits: how they were fitted, as returned by `kfit.pose.confidence.how_fitted`.
         seed: of the views.
     """
-    found = {"seed": seed, **reliability(cross_validated(told, right), right)}
-    return Calibration(*calibrated(told, right), float(np.quantile(energy, 0.99)), fits, len(told), found)
+    found = {"seed": seed, "right answers": len(distances), **reliability(cross_validated(told, right), right)}
+    energy_99, factor = float(np.quantile(energy, 0.99)), covariance_factor(distances)
+    return Calibration(*calibrated(told, right), energy_99, fits, len(told), found, factor)
+
+
+def covariance_factor(distances: Sequence[float]) -> float:
+    """Factor by which covariances are multiplied, so that their 95 % ellipsoids hold 95 % of new answers of the kind.
+
+    The ⌈0.95 (N + 1)⌉-th smallest of N squared distances δᵀ C⁻¹ δ (the largest, where N < 19) over the 95 % bound of
+    χ² with 6 degrees of freedom: split conformal prediction (Lei et al., JASA 2018), which assumes no distribution.
+
+    >>> covariance_factor([CHI2_95 * 2] * 40)
+    2.0
+    """
+    if not distances:
+        return UNMEASURED
+    place = min(len(distances), math.ceil(0.95 * (len(distances) + 1)))
+    return float(np.sort(distances)[place - 1] / CHI2_95)
 
 
 def calibrated(told: Sequence[dict[str, float]], right: Sequence[bool]) -> tuple[float, dict[str, float]]:
-    """Bias and coefficients of a logistic model of N answers, in the penalised maximum of their likelihood.
+    """Fit bias and coefficients of a logistic model of N answers by penalised maximum likelihood.
 
-    The penalty is ½ Σ_k (c_k s_k)², s the standard deviations, and no c_k is below 0: what speaks for an answer must
-    not come to speak against it by chance. Right answers count as (N₊ + 1) / (N₊ + 2), wrong ones as 1 / (N₋ + 2), so
-    that a few views without a failure promise no certainty (Platt, Probabilistic outputs for support vector machines,
-    1999).
+    The penalty is ½ Σ_k (c_k s_k)², s the standard deviations, and no c_k is below 0, so that chance does not turn
+    evidence for an answer into evidence against it. Right answers have the target (N₊ + 1) / (N₊ + 2), wrong ones
+    1 / (N₋ + 2), so that a few views without a failure do not give certainty (Platt, Probabilistic outputs for support
+    vector machines, 1999).
 
     Args:
-        told: what `evidence` tells of each, all of the same names.
+        told: result of `evidence` for each, all with the same names.
         right: whether each is right.
 
     Raises:
-        ValueError: for no answers, or numbers that differ.
+        ValueError: if there are no answers, or the lengths differ.
     """
     if not told or len(told) != len(right):
         raise ValueError(f"told and right must be of one length above 0, got {len(told)} and {len(right)}")
@@ -70,7 +93,7 @@ def calibrated(told: Sequence[dict[str, float]], right: Sequence[bool]) -> tuple
 
 
 def cross_validated(told: Sequence[dict[str, float]], right: Sequence[bool]) -> list[float]:
-    """Probabilities that N ≥ 2 answers are right, each by a model of the answers of the 9 other folds."""
+    """Return probabilities that N ≥ 2 answers are right, each by a model of the answers of the other folds."""
     said = [0.0] * len(told)
     for first in range(min(FOLDS, len(told))):
         rest = [k for k in range(len(told)) if k % FOLDS != first]
@@ -81,13 +104,13 @@ def cross_validated(told: Sequence[dict[str, float]], right: Sequence[bool]) -> 
 
 
 def reliability(said: Sequence[float], right: Sequence[bool]) -> dict[str, Any]:
-    """How well N probabilities say what is right.
+    """Measure how well N probabilities predict which answers are right.
 
     Returns:
-        ``right``: the share that is; ``brier``: mean (p − right)², and ``brier of the share``: the same of the share
-        said of all; ``calibration error``: Σ_b N_b / N · |mean p − share right| over bins b (Guo et al., On
-        calibration of modern neural networks, 2017); ``bins``: of each that is not empty ``from``, ``to``, ``number``,
-        ``said`` and ``right``.
+        ``right``: fraction of right answers; ``brier``: mean (p − right)², and ``brier of the share``: the same if p
+        were this fraction for all; ``calibration error``: Σ_b N_b / N · |mean p − fraction right| over bins b (Guo et
+        al., On calibration of modern neural networks, 2017); ``bins``: ``from``, ``to``, ``number``, ``said`` (mean p)
+        and ``right`` of each bin that is not empty.
     """
     p, yes = np.asarray(said, float), np.asarray(right, float)
     place = np.clip(np.searchsorted(BINS, p, side="right") - 1, 0, len(BINS) - 2)
