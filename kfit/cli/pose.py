@@ -76,6 +76,13 @@ def run(args: Namespace) -> None:
             raise ValueError(f"{name}: {error}") from error
         return photo, _picked(targets) if args.pick else targets
 
+    if args.fit is not None:
+        from kfit.geometry import CATEGORIES
+        from kfit.pose.fit_recipe import fit_of
+
+        # A mistake in the recipe ends the command before any photo is read.
+        see_working_folder()
+        fit_of(args.fit, model_of(category or next(iter(CATEGORIES))))
     answers: dict[str, list[PoseResult]] = {}
     with progress() as bar, precision(args.precision, device):
         if poses is not None:
@@ -166,7 +173,6 @@ def _answer(
         else:
             from kfit.pose.fit_recipe import fit_of
 
-            see_working_folder()
             made = fit_of(args.fit, model)
         if num_photos == 1:
             made.callbacks.append(Progress())
