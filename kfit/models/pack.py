@@ -72,7 +72,7 @@ def _trained(path: Path, command: str | None) -> tuple[dict[str, nn.Module], Car
         distance=DISTANCE,
         **Card.fields_of(category),
         training={
-            "command": command or "not told",
+            "command": command or "unknown",
             "data": data | {"shapes_version": VERSION},
             "steps": int(saved["global_step"]),
             "pairs": int(saved["global_step"]) * int(data["batch_size"]),

@@ -99,7 +99,7 @@ def page(units: Units, tables: list[str], categories: list[str], how: Measuring,
         "L1 is that of a view drawn by what the encoder saw in another one, over 1,000 views of held-out families and "
         "over as many of new objects of the families that training showed, as the paper's test objects are; then, over "
         "50 views of held-out families, that of the code which draws the view itself best. "
-        "Symmetric classes, and mugs whose handle is hidden, are judged by their axis. With one object a picture and "
+        "Symmetric classes, and mugs whose handle is hidden, are measured by their axis. With one object a picture and "
         "no detector, AP at a threshold is the share of views below it. Brackets hold 95 % intervals by a paired "
         f"bootstrap over the views of {seeds} seed{'s' * (seeds > 1)}, each with trainings and views of its own. An "
         "ordering of AP10 that the paper prints counts as reproduced (yes) or contradicted (no) only where the "

@@ -62,8 +62,8 @@ class Measuring:
         schedule: of fits.
         views: of as many unseen objects.
         seed: chooses them.
-        tell: told what is done, and how many views of how many.
-        base: variant whose model cuts the views out for methods that draw nothing.
+        tell: called with the current task, and the numbers of finished and all views.
+        base: variant whose model crops the views for methods that draw nothing.
     """
 
     training: Training
