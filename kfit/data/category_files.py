@@ -19,9 +19,6 @@ def read_category(category: str | Category) -> Category:
 
     It runs code of modules that it names, so it is for what a person gives; a model's card is never read by it.
 
-    >>> read_category("mug").symmetry
-    'none'
-
     Args:
         category: one itself; a name of `kfit.geometry.CATEGORIES`; the path of a YAML file with the fields of
             `kfit.geometry.Category`; or the import path of a `kfit.geometry.Category` in a module, ``teapot.TEAPOT``.
@@ -30,6 +27,11 @@ def read_category(category: str | Category) -> Category:
         FileNotFoundError: if there is no such file.
         ValueError: if it is none of these, in one sentence.
         ImportError: for a module that cannot be imported.
+
+    Example:
+        >>> from kfit.data import read_category
+        >>> read_category("mug").symmetry
+        'none'
     """
     if isinstance(category, Category):
         found = category

@@ -21,6 +21,10 @@ def check_symmetry(name: str, value: object) -> None:
 
     Raises:
         TypeError, ValueError: naming the argument.
+
+    Example:
+        >>> from kfit.geometry import check_symmetry
+        >>> check_symmetry("symmetry", "y4")
     """
     check_choice(name, value, SYMMETRIES)
 
@@ -28,14 +32,24 @@ def check_symmetry(name: str, value: object) -> None:
 def num_turns(symmetry: Symmetry) -> int:
     """Return how many turns about the vertical axis leave the object unchanged; 0 stands for all.
 
-    >>> [num_turns(symmetry) for symmetry in ("none", "y4", "y")]
-    [1, 4, 0]
+    Example:
+        >>> from kfit.geometry import num_turns
+        >>> [num_turns(symmetry) for symmetry in ("none", "y4", "y")]
+        [1, 4, 0]
     """
     return {"none": 1, "y": 0}[symmetry] if symmetry in ("none", "y") else int(symmetry[1:])
 
 
 def turns_about_y(count: int) -> Tensor:
-    """Rotations (K, 3, 3) about the vertical axis by 360° · k / K, k = 0 … K − 1."""
+    """Return the rotations (K, 3, 3) about the vertical axis by 360° · k / K, k = 0 … K − 1.
+
+    Example:
+        >>> from kfit.geometry import turns_about_y
+        >>> turns_about_y(2)[1].round().int()
+        tensor([[-1,  0,  0],
+                [ 0,  1,  0],
+                [ 0,  0, -1]], dtype=torch.int32)
+    """
     angle = 2 * math.pi / count * torch.arange(count, dtype=torch.float64)
     cos, sin, zero, one = angle.cos(), angle.sin(), torch.zeros_like(angle), torch.ones_like(angle)
     turns: Tensor = torch.stack([cos, zero, sin, zero, one, zero, -sin, zero, cos], 1).unflatten(1, (3, 3))
