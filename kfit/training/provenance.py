@@ -35,7 +35,7 @@ class Provenance(Callback):
         self.facts = {
             "kfit": kfit.__version__,
             "python": platform.python_version(),
-            "torch": torch.__version__,
+            "torch": str(torch.__version__),  # a class of torch's own
             "lightning": lightning.__version__,
             "code": git_state(Path.cwd()),
             "kfit_code": git_state(Path(kfit.__file__).parent),
