@@ -89,11 +89,12 @@ def watched(model: CategoryModel, photo: Photo, mask: NDArray[np.float32] | None
     sighting = ObservedObject.of(photo, model.card.category, model.image_size, mask)
     seen = sighting.observation.image[0].movedim(0, -1).numpy()
     pipeline = model.pipeline(lens_known=sighting.lens_known)
-    pipeline.callbacks.append(Watching(pipeline.generator, seen, told.put, left))  # type: ignore[arg-type]
+    watching = Watching(pipeline.generator, seen, told.put, left)
 
     def fit() -> None:
         try:
-            told.put(model.answer(pipeline(sighting.observation, seed=0), sighting))
+            observation = model.read(sighting.observation)
+            told.put(model.answer(pipeline(observation, seed=0, callbacks=[watching]), sighting, observation))
         except BaseException as error:  # whatever it is, it is told to those who wait
             told.put(error)
 

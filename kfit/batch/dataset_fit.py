@@ -7,6 +7,7 @@ import logging
 import warnings
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -101,11 +102,11 @@ class DatasetFit(LightningModule):
             raise agreed if self.trainer.is_global_zero and agreed is not None else SystemExit(0)
         if not self.trainer.is_global_zero:
             self._load(data)
-        data.left = agreed
-        data.cropper = ObjectCropper({name: model.image_size for name, model in self.models.items()}, self.depth)
+        cropper = ObjectCropper({name: model.image_size for name, model in self.models.items()}, self.depth)
         # A GPU fits faster than one process reads; what it waits for is done beside it.
         shared = max(1, cores() // self.trainer.world_size - 1)
-        data.num_workers = 0 if self.trainer.strategy.root_device.type == "cpu" else min(READERS, shared)
+        on_cpu = self.trainer.strategy.root_device.type == "cpu"
+        data.plan(agreed, cropper, 0 if on_cpu else min(READERS, shared))
 
     def on_predict_start(self) -> None:
         """Move the models to where they are to compute."""
@@ -199,19 +200,15 @@ class DatasetFit(LightningModule):
     def _answers(
         self, category: str, lens_known: bool, seen: Sequence[ObservedObject], keys: tuple[int, ...]
     ) -> list[PoseResult | str]:
-        names = [
-            name for name in ("image", "mask", "depth", "intrinsics") if getattr(seen[0].observation, name) is not None
-        ]
-        fields: dict[str, Any] = {
-            name: torch.cat([one.observation.field(name) for one in seen]).to(self.device) for name in names
-        }
+        observation = replace(Observation.cat([one.observation for one in seen]), keys=keys)
+        observation = self.models[category].read(observation.map(lambda tensor: tensor.to(self.device)))
         with one_thread():  # so that results do not depend on how many processes share the cores
             try:
-                fit = self._pipeline(category, lens_known)(Observation(**fields, keys=keys), seed=self.seed)
+                fit = self._pipeline(category, lens_known)(observation, seed=self.seed)
             except FitError as error:
                 return [str(error)] * len(seen)
             failed = "every start of the fit became NaN or infinite"
-            return [answer or failed for answer in self.models[category].answers(fit, seen)]
+            return [answer or failed for answer in self.models[category].answers(fit, seen, observation)]
 
     def _pipeline(self, category: str, lens_known: bool) -> nn.Module:
         """The fit of objects of a category, built when first needed."""

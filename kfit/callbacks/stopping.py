@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import torch
 
 from kfit.core import Callback, FitState
@@ -40,5 +42,5 @@ class Stopping(Callback):
         # It only rises where the best start broke and was dropped: then the others have a best of their own to beat.
         fallen = (least < before - self.tolerance * before.abs()) | before.isinf() | (least > before)
         since = torch.where(fallen, 0.0, since + 1)
-        state.notes = {**state.notes, BEST: torch.where(fallen, least, before), SINCE: since}
-        return state.freeze(since >= self.patience)
+        notes = {**state.notes, BEST: torch.where(fallen, least, before), SINCE: since}
+        return replace(state, notes=notes).freeze(since >= self.patience)

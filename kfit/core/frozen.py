@@ -7,8 +7,12 @@ from typing import Any, TypeVar
 
 import torch
 from torch import Tensor, nn
+from torch.utils import _pytree as pytree
+
+from kfit.core.part import Part
 
 Module = TypeVar("Module", bound=nn.Module)
+OnePart = TypeVar("OnePart", bound=Part)
 
 
 def frozen(module: Module) -> Module:
@@ -24,6 +28,21 @@ def frozen(module: Module) -> Module:
         }
         shared.update({id(b): _fit_for_gradients(b) for b in module.buffers()})
         return copy.deepcopy(module, shared).eval()
+
+
+def with_frozen_networks(part: OnePart) -> OnePart:
+    """A copy of a part that is no network itself, with `frozen` twins of the networks that its attributes hold."""
+    twin = copy.copy(part)
+    for name, value in vars(part).items():
+        if name != "settings":
+            vars(twin)[name] = pytree.tree_map_only(nn.Module, frozen, value)
+    return twin
+
+
+def networks_of(part: Part) -> list[nn.Module]:
+    """Networks that the attributes of a part hold, also in lists, tuples and dicts."""
+    held = [value for name, value in vars(part).items() if name != "settings"]
+    return [leaf for leaf in pytree.tree_leaves(held) if isinstance(leaf, nn.Module)]
 
 
 def _fit_for_gradients(tensor: Tensor) -> Tensor:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
@@ -11,6 +11,7 @@ from torch import Tensor
 from torch.utils import _pytree as pytree
 
 from kfit.core.check import check_count, check_float, check_shape
+from kfit.core.rows import pictures_of
 from kfit.core.variables import Variables
 
 
@@ -36,7 +37,7 @@ class _Fields:
     def map(self, function: Callable[[Tensor], Tensor]) -> Any:
         """The same with ``function`` applied to each tensor."""
         held = {f.name: getattr(self, f.name) for f in fields(self)}  # type: ignore[arg-type]
-        return replace(self, **{k: function(v) for k, v in held.items() if isinstance(v, Tensor)})  # type: ignore[type-var]
+        return replace(self, **pytree.tree_map_only(Tensor, function, held))  # type: ignore[type-var]
 
 
 @dataclass(frozen=True)
@@ -57,6 +58,9 @@ class Observation(_Fields):
         keys: one number a problem; with the seed it decides the problem's random numbers. The same key gives the
             same numbers alone and in any batch; all keys are 0 unless given.
         views: V, the number of pictures of each problem.
+        predictions: (problems, …) each by a name of its own, what networks predict of the pictures; parts that need
+            such a prediction find it here and do not run the network again, see
+            `kfit.geometry.PoseNetwork.log_probabilities`.
 
     Raises:
         TypeError, ValueError: naming the field whose type or shape is wrong.
@@ -70,6 +74,7 @@ class Observation(_Fields):
     keys: tuple[int, ...] = ()
     trans_cam_ref: Tensor | None = None
     views: int = 1
+    predictions: Mapping[str, Tensor] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         volume = isinstance(self.image, Tensor) and self.image.dim() == 5
@@ -92,18 +97,63 @@ class Observation(_Fields):
             raise ValueError(
                 f"keys must hold one number for each of the {self.num_problems} problems, got {len(self.keys)}"
             )
+        for name, prediction in self.predictions.items():
+            if len(prediction) != self.num_problems:
+                raise ValueError(
+                    f"predictions: {name} must lead with the {self.num_problems} problems, got {len(prediction)}"
+                )
 
     @property
     def num_problems(self) -> int:
         return self.image.shape[0] // self.views
 
+    def __getitem__(self, problems: int | slice | Sequence[int] | Tensor) -> Observation:
+        """The problems of these numbers, with all their views and keys.
+
+        >>> Observation(torch.rand(4, 3, 8, 8), keys=(5, 6, 7, 8))[1:3].keys
+        (6, 7)
+        """
+        every = torch.arange(self.num_problems, device=self.image.device)
+        chosen = every[[problems] if isinstance(problems, int) else problems]
+        return self._taken(pictures_of(chosen, self.views), chosen, self.views)
+
+    @staticmethod
+    def cat(observations: Sequence[Observation]) -> Observation:
+        """The problems of several observations, of the same fields and views, one after another.
+
+        Keys are kept where all have some.
+
+        Raises:
+            ValueError: if one has a field that another lacks, or another number of views.
+        """
+        first = observations[0]
+        joined: dict[str, Any] = {"views": first.views}
+        if any(one.views != first.views for one in observations):
+            raise ValueError(f"observations must have {first.views} views each, got {[o.views for o in observations]}")
+        for name in (f.name for f in fields(first) if f.name not in ("keys", "views", "predictions")):
+            there = [getattr(one, name) for one in observations]
+            if any((tensor is None) != (there[0] is None) for tensor in there):
+                raise ValueError(f"observations must all have a {name}, or none of them")
+            joined[name] = None if there[0] is None else torch.cat(there)
+        if all(one.keys for one in observations):
+            joined["keys"] = tuple(key for one in observations for key in one.keys)
+        known = [name for name in first.predictions if all(name in one.predictions for one in observations)]
+        predictions = {name: torch.cat([one.predictions[name] for one in observations]) for name in known}
+        return Observation(**joined, predictions=predictions)
+
     def first_views(self) -> Observation:
         """The first picture of each problem alone."""
         if self.views == 1:
             return self
-        held = {f.name: getattr(self, f.name) for f in fields(self)}
-        first = {name: value[:: self.views] for name, value in held.items() if isinstance(value, Tensor)}
-        return replace(self, **first, views=1)  # type: ignore[arg-type]
+        every = torch.arange(self.num_problems, device=self.image.device)
+        return self._taken(every * self.views, every, 1)
+
+    def _taken(self, pictures: Tensor, problems: Tensor, views: int) -> Observation:
+        bare = replace(self, keys=(), views=1, predictions={})
+        taken: Observation = bare.map(lambda tensor: tensor[pictures])
+        keys = tuple(self.keys[number] for number in problems.tolist()) if self.keys else ()
+        predictions = {name: tensor[problems] for name, tensor in self.predictions.items()}
+        return replace(taken, keys=keys, views=views, predictions=predictions)
 
 
 @dataclass(frozen=True)

@@ -5,9 +5,10 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from kfit.core import Energy, FitResult, Observation, Prior, Variables
+from kfit.core import FitResult, Observation, Variables
 from kfit.fitting.objective import Objective
 from kfit.fitting.pipeline import FitPipeline
+from kfit.fitting.prepared_terms import PreparedTerms
 
 # Unknowns of a problem: the Jacobian takes a pass backwards for each.
 MAX_UNKNOWNS = 256
@@ -45,10 +46,9 @@ def answer_covariance(pipeline: FitPipeline, observation: Observation, result: F
     count = len(scale)
     if count > MAX_UNKNOWNS:
         raise ValueError(f"an answer of {count} unknowns is too large for its covariance; at most {MAX_UNKNOWNS} are")
-    terms: dict[str, Energy | Prior] = dict(pipeline.energies.items())  # type: ignore[arg-type]
     weights = pipeline.weights_at(pipeline.num_steps)
-    objective = Objective(pipeline.generator, terms, weights, observation, pipeline.min_overlap)
-    objective.weights = weights
+    prepared = PreparedTerms(pipeline.generator, pipeline.terms, observation)
+    objective = Objective(prepared, weights, weights, pipeline.min_overlap)
     problem = torch.arange(observation.num_problems, device=observation.image.device)
     with torch.no_grad():
         residuals = objective(raw, problem, need="residuals").residuals

@@ -27,6 +27,7 @@ def recipe_text(pipeline: nn.Module) -> str:
     settings = {p.name: getattr(pipeline, p.name) for p in parameters if p.name != "generator"}
     settings["energies"] = dict(settings["energies"].items())
     settings["initializers"] = [one for one in settings["initializers"] if not _of_model(one)]
+    settings["callbacks"] = list(settings["callbacks"])
     defaults = {p.name: p.default for p in parameters}
     defaults |= {"callbacks": [], "num_candidates": settings["num_starts"]}
     defaults |= {"weights": dict.fromkeys(settings["energies"], 1.0)}

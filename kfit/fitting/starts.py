@@ -32,8 +32,7 @@ def initialize(
     Raises:
         ValueError: if an initializer sets others than it says, or in another shape.
     """
-    rows = observation.num_problems * count
-    raw = {}
+    raw: Variables = {}
     for initializer in initializers:
         # Each initializer draws from its own stream, so exchanging one leaves the numbers of the others alone.
         rngs = [
@@ -41,14 +40,34 @@ def initialize(
             for key in observation.keys or (0,) * observation.num_problems
         ]
         values = initializer(variables, observation, count, rngs)
-        check_names(f"{type(initializer).__name__} set", values, initializer.on, complete=True)
-        for name, value in values.items():
-            expected = (rows, *variables[name].shape)
-            if tuple(value.shape) != expected:
-                came = tuple(value.shape)
-                raise ValueError(f"{type(initializer).__name__} must give {name!r} in shape {expected}, got {came}")
-            raw[name] = variables[name].space.to_raw(value.to(observation.image))
+        name = type(initializer).__name__
+        check_names(f"{name} set", values, initializer.on, complete=True)
+        raw |= raw_starts(name, values, variables, observation, count)
     return {name: raw[name] for name in variables}
+
+
+def raw_starts(
+    who: str, values: Variables, variables: Mapping[str, Variable], observation: Observation, count: int
+) -> Variables:
+    """Raw numbers of values (B · count, \*shape), in the precision and where the observation is.
+
+    Args:
+        who: sets them, for the errors.
+        values: by name.
+        variables: of the generator.
+        observation: B problems.
+        count: starts a problem.
+
+    Raises:
+        ValueError: for values of another shape.
+    """
+    raw = {}
+    for name, value in values.items():
+        expected = (observation.num_problems * count, *variables[name].shape)
+        if tuple(value.shape) != expected:
+            raise ValueError(f"{who} must give {name!r} in shape {expected}, got {tuple(value.shape)}")
+        raw[name] = variables[name].space.to_raw(value.to(observation.image))
+    return raw
 
 
 def likeliest(evaluate: Evaluate, raw: Variables, num_candidates: int, num_starts: int) -> Variables:

@@ -11,10 +11,22 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from kfit.core import Callback, Encoder, Energy, FitError, FitResult, Generator, Rendering, Variables
+from kfit.core import (
+    Callback,
+    Encoder,
+    Energy,
+    FitError,
+    FitResult,
+    Generator,
+    Observation,
+    Rendering,
+    Variables,
+)
 from kfit.fitting.pipeline import FitPipeline
 from kfit.generators import ExtentsHead, RadianceField, SimilarityWarp
+from kfit.generators.drawn_fields import drawn_fields
 from kfit.geometry import PoseNetwork, to_opencv
+from kfit.geometry.pose_network import with_prediction
 from kfit.pose.card import Card
 from kfit.pose.covariance import pose_covariance
 from kfit.pose.default_fit import default_fit
@@ -24,7 +36,7 @@ from kfit.pose.interpretation import interpret
 from kfit.pose.observed_object import ObservedObject
 from kfit.pose.placement import placement
 from kfit.pose.result import PoseResult
-from kfit.pose.views import Box, PhotoLike, are_several, observed_views, triangulated_diagonal
+from kfit.pose.views import Box, PhotoLike, observe, triangulated_diagonal
 from kfit.runtime.devices import safe_after_fork
 from kfit.segmentation import Segmenter
 
@@ -99,13 +111,15 @@ class CategoryModel:
                 diagonal in metres at which fits start.
             energies: of drawing and photo, by name and with their weights, instead of the first three.
         """
+        if energies is None:
+            energies = {name: one for name, one in default_energies().items() if one[0].on in self.drawn}
         return default_fit(
             self.generator,
             self.encoder,
             self.pose_head,
             self.card,
             self.image_size,
-            self._default_energies() if energies is None else energies,
+            energies,
             num_starts=num_starts,
             num_steps=num_steps,
             callbacks=callbacks,
@@ -114,18 +128,10 @@ class CategoryModel:
             views=views,
         ).to(self.device)
 
-    def _default_energies(self) -> dict[str, tuple[Energy, float]]:
-        """The default energies, without those of fields that the generator does not draw."""
-        return {name: given for name, given in default_energies().items() if given[0].on in self.drawn}
-
     @cached_property
     def drawn(self) -> frozenset[str]:
         """Names of the fields that its generator draws, of ``image``, ``mask`` and ``depth``."""
-        like = next(self.encoder.parameters())
-        zeros = {name: like.new_zeros(1, *variable.shape) for name, variable in self.generator.variables.items()}
-        with torch.no_grad():
-            rendering: Rendering = self.generator(**zeros)
-        return frozenset(name for name, field in vars(rendering).items() if field is not None)
+        return drawn_fields(self.generator, next(self.encoder.parameters()))
 
     @safe_after_fork()
     @torch.inference_mode(False)
@@ -141,6 +147,7 @@ class CategoryModel:
         segmenter: str | Path | Segmenter | None = None,
         seed: int = 0,
         pipeline: FitPipeline | None = None,
+        callbacks: Sequence[Callback] = (),
     ) -> PoseResult:
         """Find the object's pose, size and look in a photo.
 
@@ -164,28 +171,21 @@ class CategoryModel:
                 `kfit.segmentation.load_segmenter` reads, or any `kfit.segmentation.Segmenter`, such as detections.
             seed: decides the random numbers.
             pipeline: another fit than that of `pipeline`; its generator needs the same variables.
+            callbacks: watch this fit, besides the pipeline's own.
 
         Raises:
             FileNotFoundError, ValueError: for a photo, mask, box, intrinsics or depth that cannot be used, in one
                 sentence.
         """
-        if are_several(image):
-            if depth is not None:
-                raise ValueError("depth and several photos were both given; a fit of several photos is of colour alone")
-            seen, observation = observed_views(
-                image, self.card.category, self.image_size, mask, box, intrinsics, relative_poses, segmenter
-            )
+        seen, observation = observe(
+            image, self.card.category, self.image_size, mask, box, intrinsics, depth, relative_poses, segmenter
+        )
+        if pipeline is None and observation.views > 1:
             start = triangulated_diagonal(observation, self.card.unit_fraction, self.card.mean_diagonal)
-            fit = pipeline or self.pipeline(views=start)
-        else:
-            if relative_poses is not None:
-                raise ValueError("relative_poses were given for one photo; they belong to a list of photos")
-            photo: Any = image
-            one: tuple[Any, Any] = (mask, box)
-            seen = ObservedObject.of(photo, self.card.category, self.image_size, *one, intrinsics, depth, segmenter)
-            observation = seen.observation
-            fit = pipeline or self.pipeline(depth=depth is not None, lens_known=seen.lens_known)
-        return self.answer(fit(observation.map(lambda tensor: tensor.to(fit.device)), seed=seed), seen)
+            pipeline = self.pipeline(views=start)
+        fit = pipeline or self.pipeline(depth=depth is not None, lens_known=seen.lens_known)
+        observation = self.read(observation.map(lambda tensor: tensor.to(fit.device)))
+        return self.answer(fit(observation, seed=seed, callbacks=callbacks), seen, observation)
 
     @property
     def image_size(self) -> int:
@@ -198,36 +198,45 @@ class CategoryModel:
         warped = SimilarityWarp(self.generator)
         with torch.no_grad():
             there = [name for name in warped.variables if name in values]
-            drawn = warped(**{name: values[name].to(self.device) for name in there})
-            on_cpu: Rendering = drawn.map(lambda tensor: tensor.cpu())
-        return on_cpu
+            drawn: Rendering = warped(**{name: values[name].to(self.device) for name in there}).map(Tensor.cpu)
+        return drawn
 
-    def pose_log_probabilities(self, image: Tensor) -> Tensor | None:
-        """Log-probabilities (N, B) of poses, by the looks of pictures (N, 3, S, S), where there is a pose head."""
+    def read(self, observation: Observation) -> Observation:
+        """The observation with what the pose head predicts of it, so that fit and answer need not run it again."""
+        return observation if self.pose_head is None else with_prediction(observation, self.pose_head)
+
+    def pose_log_probabilities(self, observation: Observation) -> Tensor | None:
+        """Log-probabilities (B, bins) of poses, by the looks of B problems, where there is a pose head; on the CPU."""
         if self.pose_head is None:
             return None
-        with torch.no_grad():
-            said: Tensor = self.pose_head(image.to(self.device))
-        return said.cpu()
+        return with_prediction(observation, self.pose_head).predictions[self.pose_head.prediction_name].cpu()
 
-    def answer(self, fit: FitResult, seen: ObservedObject) -> PoseResult:
-        """What a fit of one problem says of the object that was seen."""
-        (answer,) = self.answers(fit, [seen])
+    def answer(self, fit: FitResult, seen: ObservedObject, observation: Observation) -> PoseResult:
+        """What a fit of one problem says of the object that was seen; arguments as those of `answers`."""
+        (answer,) = self.answers(fit, [seen], observation)
         if answer is None:
             raise FitError("every start of the fit became NaN or infinite")
         return answer
 
     @safe_after_fork()
-    def answers(self, fit: FitResult, seen: Sequence[ObservedObject]) -> list[PoseResult | None]:
-        """What a fit says of the objects that were seen, one problem each; None where every start failed."""
+    def answers(
+        self, fit: FitResult, seen: Sequence[ObservedObject], observation: Observation
+    ) -> list[PoseResult | None]:
+        """What a fit says of the objects that were seen, one problem each; None where every start failed.
+
+        Args:
+            fit: of B problems.
+            seen: B objects.
+            observation: that was fitted, best as `read` returned it.
+        """
         with torch.no_grad():
             extents = self.extents(fit.values["code"].to(self.device)).double().cpu()
         drawn = self.draw(fit.values).image.movedim(1, -1)
-        said = self.pose_log_probabilities(torch.cat([one.observation.image for one in seen]))
+        said = self.pose_log_probabilities(observation)
         looks = [None] * len(seen) if said is None else list(said)
         fit = fit.to("cpu")
         return [
-            self._interpreted(fit.of(n), one, extents[n], drawn[n], looks[n]) if fit.start[n] >= 0 else None
+            self._interpreted(fit[n], one, extents[n], drawn[n], looks[n]) if fit.start[n] >= 0 else None
             for n, one in enumerate(seen)
         ]
 

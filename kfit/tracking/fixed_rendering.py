@@ -1,45 +1,22 @@
-"""One picture that is moved in its plane, and starts that are told: what following an object needs of a fit."""
+"""A picture that was drawn before, as a generator: what tracking an object moves in its plane."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from typing import Any
 
-import torch
-from torch import Tensor
-
-from kfit.core import Angle, Generator, Initializer, Observation, Positive, Rendering, Variable, Variables
-from kfit.generators.similarity_warp import warp
-
-
-class FixedStart(Initializer):
-    """Starts at what it is told."""
-
-    def __init__(self, on: Sequence[str]) -> None:
-        self.on = tuple(on)
-        self.values: Variables = {}
-
-    def __call__(
-        self,
-        variables: Mapping[str, Variable],
-        observation: Observation,
-        num_starts: int,
-        rngs: Sequence[torch.Generator],
-    ) -> Variables:
-        return self.values
+from kfit.core import Generator, Rendering
 
 
 class FixedRendering(Generator):
-    """One picture, turned, shifted and scaled."""
+    """Draws one picture, without variables.
 
-    drawn: Rendering
+    Args:
+        drawn: the picture.
+    """
 
-    def __init__(self) -> None:
+    def __init__(self, drawn: Rendering) -> None:
         super().__init__()
-        self.variables = {
-            "roll": Variable((), Angle()),
-            "shift": Variable((2,)),
-            "scale": Variable((), Positive()),
-        }
+        self.drawn, self.variables = drawn, {}
 
-    def forward(self, **values: Tensor) -> Rendering:
-        return warp(self.drawn, values["roll"], values["shift"], values["scale"])
+    def forward(self, **values: Any) -> Rendering:
+        return self.drawn

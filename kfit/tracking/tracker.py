@@ -19,7 +19,7 @@ from kfit.fitting.pipeline import FitPipeline
 from kfit.generators import SimilarityWarp
 from kfit.generators.similarity_warp import warp
 from kfit.geometry import Crop, rotation_error
-from kfit.initializers import PosePosterior
+from kfit.initializers import Constant, PosePosterior
 from kfit.optimizers import GaussNewton
 from kfit.pose.category_model import CategoryModel
 from kfit.pose.confidence import DOUBTFUL, evidence
@@ -29,7 +29,7 @@ from kfit.pose.inputs import as_numbers, as_photo, choose_mask
 from kfit.pose.placement import placement
 from kfit.pose.result import PoseResult
 from kfit.segmentation import Photo, binary_mask, mask_in_photo, read_photo
-from kfit.tracking.fixed_rendering import FixedRendering, FixedStart
+from kfit.tracking.fixed_rendering import FixedRendering
 from kfit.tracking.tracked_pose import TrackedPose
 
 # Of differences in roll, shift and scale, in raw units: two degrees and two thirds of a pixel.
@@ -72,15 +72,6 @@ class Tracker:
         self.model, self.seed, self.num_drawn = model, seed, 0
         self.reads, self.says = PosePosterior(model.pose_head), PosePrior(model.pose_head)
         self.energies = default_energies()
-        # Features are too rough for so long differences: with EfficientNet's, Gauss-Newton hardly moves.
-        self.place = FitPipeline(
-            FixedRendering(),
-            {"image": L2(), "silhouette": Silhouette()},
-            [FixedStart(("roll", "shift", "scale"))],
-            GaussNewton(LENGTHS),
-            num_starts=1,
-            num_steps=STEPS,
-        )
         self.calm, self.before = CALM, torch.from_numpy(first.rotation)
         self._start(first)
 
@@ -92,12 +83,11 @@ class Tracker:
         self.motion = {name: torch.zeros_like(self.values[name]) for name in ("azimuth", "elevation", "roll")}
         self.crop, self.drift = first.crop, (0.0, 0.0, 1.0)
         self.camera = torch.from_numpy(first.intrinsics)
-        self.starts = FixedStart(tuple(self.values))
         self.bound = frozen(self.model.generator).bind(code=self.code[0])
         self.rank = FitPipeline(
             SimilarityWarp(self.bound),
             {**{name: energy for name, (energy, _) in self.energies.items()}, "pose": self.says},
-            [self.starts],
+            [Constant({name: value[0].tolist() for name, value in self.values.items()})],
             GaussNewton(dict.fromkeys(self.values, 0.01)),
             weights={
                 **{name: weight for name, (_, weight) in self.energies.items()},
@@ -145,7 +135,7 @@ class Tracker:
             self.crop.centre[1] - before.centre[1],
             self.crop.side / before.side,
         )
-        seen = self.crop.cut(pixels, found)
+        seen = self.model.read(self.crop.cut(pixels, found))
         energy, confidence = self._pose(seen)
         drawn = self._placed(seen)
         for name in self.motion:
@@ -158,8 +148,7 @@ class Tracker:
         """Choose azimuth and elevation; the least energy, and the confidence."""
         moved = self.values | {name: self.values[name] + self.motion[name] for name in self.motion}
         told = self.values | self._read(seen)
-        self.starts.values = {name: torch.cat([moved[name], told[name]]) for name in moved}
-        best = self.rank(seen, seed=0)
+        best = self.rank(seen, seed=0, starts={name: torch.cat([moved[name], told[name]]) for name in moved})
         self.num_drawn += 3  # the two, and the winner once more
         self.values = dict(best.values)
         return float(best.energy[0]), self._confidence(best, seen)
@@ -167,7 +156,7 @@ class Tracker:
     def _confidence(self, ranked: FitResult, seen: Observation) -> float:
         """What the model's calibration makes of the two poses that were compared and of the pose head's probability."""
         symmetry, head = self.model.card.known.symmetry, self.model.pose_head
-        looks = self.model.pose_log_probabilities(seen.image)
+        looks = self.model.pose_log_probabilities(seen)
         found = alternatives(ranked, torch.eye(3, dtype=torch.float64), symmetry)
         near = None if head is None or looks is None else head_probability(ranked, looks[0], head, symmetry)
         calibration, told = self.model.card.calibration.get("RGB"), evidence(found, near)
@@ -188,10 +177,16 @@ class Tracker:
     def _placed(self, seen: Observation) -> Rendering:
         """Fit roll, shift and scale of the one drawing, and what it is then."""
         drawn = self._drawn()
-        self.place.generator.drawn = drawn  # type: ignore[assignment]
-        own = {name: self.values[name] for name in LENGTHS}
-        self.place.initializers[0].values = own  # type: ignore[attr-defined]
-        self.values = self.values | self.place(seen, seed=0).values
+        # Features are too rough for so long differences: with EfficientNet's, Gauss-Newton hardly moves.
+        place = FitPipeline(
+            SimilarityWarp(FixedRendering(drawn)),
+            {"image": L2(), "silhouette": Silhouette()},
+            [Constant({name: self.values[name][0].tolist() for name in LENGTHS})],
+            GaussNewton(LENGTHS),
+            num_starts=1,
+            num_steps=STEPS,
+        )
+        self.values = self.values | place(seen, seed=0).values
         return drawn
 
     def _drawn(self) -> Rendering:

@@ -6,6 +6,7 @@ import torch
 from kfit.core import Energy, Observation, Prior
 from kfit.energies import L1, L2, CodePrior
 from kfit.fitting.objective import Objective
+from kfit.fitting.prepared_terms import PreparedTerms
 from kfit.generators import Template
 
 RAW = {"roll": torch.tensor([0.05, -0.1, 0.2]), "shift": torch.full((3, 2), 0.1), "scale": torch.zeros(3)}
@@ -27,11 +28,8 @@ class Watched(Energy):
 
 def objective(terms, weights, rank_weights=None):
     pictures = torch.rand(3, 3, 8, 8, generator=torch.Generator().manual_seed(0))
-    told = Objective(
-        Template(pictures[2], "similarity"), terms, rank_weights or weights, Observation(pictures[:2]), 0.25
-    )
-    told.weights = weights
-    return told
+    prepared = PreparedTerms(Template(pictures[2], "similarity"), terms, Observation(pictures[:2]))
+    return Objective(prepared, weights, rank_weights or weights, 0.25)
 
 
 @pytest.mark.parametrize(("need", "graph"), [("value", False), ("residuals", False), ("gradient", True)])
@@ -128,9 +126,7 @@ def test_rows_are_drawn_in_even_chunks_and_none_notices(need, chunk):
 def test_a_chunk_holds_fewer_pictures_the_larger_they_are():
     def chunk(side):
         picture = torch.zeros(1, 3, side, side)
-        return Objective(
-            Template(picture[0], "similarity"), {"l2": L2()}, {"l2": 1.0}, Observation(picture), 0.25
-        ).chunk
+        return PreparedTerms(Template(picture[0], "similarity"), {"l2": L2()}, Observation(picture)).chunk
 
     assert [chunk(64), chunk(128), chunk(1024)] == [16, 4, 1]
 

@@ -111,7 +111,7 @@ def test_the_bundled_mug_s_head_doubts_hidden_handles_and_seldom_what_shows() ->
             best = head.rotations[int(head(picture).argmax())]
         azimuth, elevation, _ = angles_from_rotation(best)
         fit = ended([math.degrees(azimuth)], [1.0], elevation_deg=math.degrees(elevation))
-        pose_log_probabilities = model.pose_log_probabilities(picture)
+        pose_log_probabilities = model.pose_log_probabilities(views.observation[row])
         assert pose_log_probabilities is not None
         told.append(
             ambiguity_warning(found(fit), head_probability(fit, pose_log_probabilities[0], head, "none"), "none")

@@ -126,7 +126,7 @@ def by_fit(model: CategoryModel, views: HeldOutViews, pipeline: FitPipeline, on_
     angles = [torch.cat([r.values[name] for r in results]).double() for name in ("azimuth", "elevation", "roll")]
     away = errors(rotation_from_angles(*angles), views, model.card.category)
     shifts = 100 * translation_errors(model, views, results)
-    fits = [result.of(number) for result in results for number in range(len(result.energy))][:SHOWN]
+    fits = [one for result in results for one in result][:SHOWN]
     boxes = []
     for fit, crop, camera in zip(fits, views.crops, views.intrinsics, strict=False):
         rotation, place, diagonal = placement(fit.values, crop, camera, model.card)

@@ -153,6 +153,6 @@ def changer(kind: str, strength: float) -> Callable[[Observation], Observation]:
         else:
             turn = 2 * torch.pi * torch.rand(len(image), generator=rng)
             image, mask = shifted(image, mask, strength * torch.stack([turn.cos(), turn.sin()], 1))
-        return Observation(image, mask, seen.depth, intrinsics=seen.intrinsics, keys=seen.keys)
+        return replace(seen, image=image, mask=mask)
 
     return change
