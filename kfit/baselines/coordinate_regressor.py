@@ -45,8 +45,8 @@ class CoordinateRegressor(nn.Module):
     ) -> None:
         super().__init__()
         check_choice("CoordinateRegressor: symmetry", symmetry, ("none", "y"))
-        check_list("CoordinateRegressor: channels", channels, None, check_count, 1, 4096)
-        check_count("CoordinateRegressor: num_bins", num_bins, 2, 1024)
+        check_list("CoordinateRegressor: channels", channels, None, check_count)
+        check_count("CoordinateRegressor: num_bins", num_bins, 2)
         self.num_bins = num_bins
         self.register_buffer("centres", (torch.arange(num_bins) + 0.5) / num_bins - 0.5, persistent=False)
         count = NUM_TURNS if symmetry == "y" else 1

@@ -41,8 +41,8 @@ class OrientationRegressor(nn.Module):
     def __init__(self, symmetry: Symmetry = "none", hidden_dim: int = 1024, image_size: int = 64) -> None:
         super().__init__()
         check_choice("OrientationRegressor: symmetry", symmetry, ("none", "y"))
-        check_count("OrientationRegressor: hidden_dim", hidden_dim, 1, 4096)
-        check_count("OrientationRegressor: image_size", image_size, 32, 1024)
+        check_count("OrientationRegressor: hidden_dim", hidden_dim)
+        check_count("OrientationRegressor: image_size", image_size, 32)
         if image_size % 32:
             raise ValueError(f"OrientationRegressor: image_size must be a multiple of 32, got {image_size}")
         self.symmetry, self.image_size = symmetry, image_size

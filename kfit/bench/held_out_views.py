@@ -72,7 +72,7 @@ def held_out_views(
     """
     check_count("held_out_views: num_views", num_views)
     check_count("held_out_views: seed", seed, 0)
-    check_count("held_out_views: photo_size", photo_size, 8, 4096)
+    check_count("held_out_views: photo_size", photo_size, 8)
     # Far from the seeds that training and its validation count up from 0.
     first = 0 if training else 1_000_000 + 1_000 * seed
     objects = (build(model.card.category, first + number, held_out=not training) for number in range(num_views))

@@ -9,21 +9,20 @@ how many they have.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
-from typing import Any, Literal, Protocol, TypeAlias
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import torch
 from torch import Tensor, nn
 
 from kfit.core.check import check_bound
+from kfit.core.evaluate import Evaluate
+from kfit.core.observation import Observation, Rendering
 from kfit.core.part import Part
 from kfit.core.pictures import Reduction, at_least_single, check_prediction, check_target, precision_of, reduced
 from kfit.core.result import FitResult
-from kfit.core.state import Evaluation, FitState, Observation, Rendering
+from kfit.core.state import Evaluation, FitState
 from kfit.core.variables import Variable, Variables
-
-Need = Literal["value", "gradient", "residuals"]
-Step: TypeAlias = "tuple[Variables, Evaluation, Any]"
 
 
 class Generator(Part, nn.Module, ABC):
@@ -34,10 +33,14 @@ class Generator(Part, nn.Module, ABC):
     """
 
     variables: Mapping[str, Variable]
+    __call__: Callable[..., Rendering]
 
     @abstractmethod
-    def forward(self, **values: Tensor) -> Rendering:
-        """Draw N pictures; each value is (N, \\*shape), all rows independent of one another."""
+    def forward(self, *args: Any, **values: Any) -> Rendering:
+        """Draw N pictures from values (N, \\*shape) by name, all rows independent of one another.
+
+        A subclass may name its variables: ``def forward(self, code: Tensor, angle: Tensor) -> Rendering``.
+        """
 
     def prepare(self, observation: Observation) -> Mapping[str, Tensor]:
         """What the generator needs to know of the pictures besides its variables, such as their cameras.
@@ -74,24 +77,12 @@ class Bound(Generator):
 
     def forward(self, **values: Tensor) -> Rendering:
         rows = next(iter(values.values())).shape[0] if values else 1
-        fixed = {name: self.get_buffer(f"held_{name}") for name in self.held}
-        held = {k: v.expand(rows, *v.shape) for k, v in fixed.items()}
-        rendering: Rendering = self.generator(**values, **held)
-        return rendering
-
-
-class Encoder(nn.Module, ABC):
-    """Looks at pictures and says which codes could have drawn them."""
-
-    @abstractmethod
-    def forward(self, image: Tensor) -> tuple[Tensor, Tensor]:
-        """Mean and log-variance (N, D) of a Gaussian over the code, from RGB (N, 3, S, S) in [0, 1] on white."""
+        held = {name: self.get_buffer(f"held_{name}") for name in self.held}
+        return self.generator(**values, **{k: v.expand(rows, *v.shape) for k, v in held.items()})
 
 
 class Energy(Part, nn.Module, ABC):
-    """How badly a prediction explains a target: one number a row, lower is better.
-
-    Compares two tensors, so it serves any task and needs no pipeline.
+    """How badly a prediction explains a target: one number a row, lower is better; it needs no pipeline.
 
     Attributes:
         on: field(s) of rendering and observation that a pipeline hands it; a tuple hands dicts of tensors.
@@ -105,6 +96,7 @@ class Energy(Part, nn.Module, ABC):
     mixed: bool = False
     volumes: bool = False
     unit_range: bool = False
+    __call__: Callable[..., Tensor]
 
     def check(self, target: Any, weight: Tensor | None = None) -> None:
         """Refuse, with TypeError or ValueError, what it cannot compare; done once a fit, and in each `forward`."""
@@ -158,6 +150,7 @@ class Prior(Part, nn.Module, ABC):
     """
 
     on: str | tuple[str, ...]
+    __call__: Callable[..., Tensor]
 
     def prepare(self, observation: Observation) -> Any:
         """What the picture says of them, made once a fit: tensors that lead with rows, or None."""
@@ -206,37 +199,6 @@ class Initializer(Part, ABC):
         """
 
 
-class Evaluate(Protocol):
-    """Draws rows and compares them: any number of rows, each with the problem that it belongs to.
-
-    Only ``need="gradient"`` builds a graph; residuals can be had where all descended terms are sums of squares.
-    """
-
-    def __call__(self, raw: Variables, problem: Tensor, need: Need = "value") -> Evaluation:
-        """Evaluate rows (N, \\*raw_shape); the gradient is by a step from ``raw``, as `retract` takes it."""
-        ...
-
-    def retract(self, raw: Variables, step: Variables) -> Variables:
-        """Raw variables after a step, each in its variable's space; ``raw + step`` where that is flat."""
-        ...
-
-    def linearize(self, raw: Variables, problem: Tensor) -> Linearization:
-        """Draw rows once and keep the graph, for products with their residuals' Jacobian."""
-        ...
-
-
-class Linearization(Protocol):
-    """Residuals r (N, M) near ``raw`` as a linear map of a step, J = ∂r/∂step, without ever holding J."""
-
-    def push(self, step: Tensor) -> Tensor:
-        """J · step, (N, M), for steps (N, P) of all variables laid end to end."""
-        ...
-
-    def pull(self, residuals: Tensor) -> Tensor:
-        """Jᵀ · residuals, (N, P), for (N, M)."""
-        ...
-
-
 class Optimizer(Part, ABC):
     """Moves rows downhill. Stateless: its memory is a value in which every tensor leads with rows."""
 
@@ -252,7 +214,9 @@ class Optimizer(Part, ABC):
         """
 
     @abstractmethod
-    def step(self, evaluate: Evaluate, raw: Variables, problem: Tensor, memory: Any) -> Step:
+    def step(
+        self, evaluate: Evaluate, raw: Variables, problem: Tensor, memory: Any
+    ) -> tuple[Variables, Evaluation, Any]:
         """One step: the new raw variables, the evaluation *at the old ones*, and the new memory."""
 
 

@@ -10,7 +10,8 @@ from torch import Tensor
 from torch.utils import _pytree as pytree
 
 from kfit.core.contracts import Callback, Energy, Generator, Optimizer, Prior, Selector
-from kfit.core.state import FitState, Observation, Rendering
+from kfit.core.observation import Observation, Rendering
+from kfit.core.state import FitState
 from kfit.core.variables import Variables
 from kfit.fitting.check_parts import check_kind
 

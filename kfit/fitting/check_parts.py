@@ -8,9 +8,9 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from kfit.core.check import check_dict, check_names, check_range
+from kfit.core.check import check_count, check_dict, check_names, check_range
 from kfit.core.contracts import Callback, Energy, Generator, Initializer, Optimizer, Prior, Schedule, Selector
-from kfit.core.state import Observation
+from kfit.core.observation import Observation
 
 
 def check_parts(
@@ -64,6 +64,23 @@ def _check_names(generator: Generator, energies: Mapping[str, Any], initializers
     twice = sorted({name for name in named if named.count(name) > 1})
     if twice:
         raise ValueError(f"initializers: {', '.join(twice)} set by two initializers; each variable needs one")
+
+
+def check_numbers(num_starts: Any, num_steps: Any, num_candidates: Any, history: Any, min_overlap: Any) -> None:
+    """Refuse settings of a fit that are no numbers of their ranges.
+
+    Raises:
+        TypeError, ValueError: naming the setting.
+    """
+    check_count("num_starts", num_starts)
+    check_count("num_steps", num_steps, 0)
+    if num_candidates is not None:
+        check_count("num_candidates", num_candidates)
+        if num_candidates < num_starts:
+            raise ValueError(f"num_candidates must be at least num_starts, {num_starts}, got {num_candidates}")
+    if not isinstance(history, bool):
+        check_count("history", history)
+    check_range("min_overlap", min_overlap, 0, 1)
 
 
 def check_weights(energies: Mapping[str, Any], weights: Any, rank_weights: Any) -> None:

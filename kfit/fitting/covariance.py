@@ -52,7 +52,6 @@ def answer_covariance(pipeline: FitPipeline, observation: Observation, result: F
     problem = torch.arange(observation.num_problems, device=observation.image.device)
     with torch.no_grad():
         residuals = objective(raw, problem, need="residuals").residuals
-        assert residuals is not None  # asked for one line above
         linear = objective.linearize(raw, problem)
         steps = torch.eye(count).to(residuals)
         jacobian = torch.stack([linear.push(step.expand(len(problem), -1)) for step in steps], 2) / scale

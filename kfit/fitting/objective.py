@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Literal, overload
 
 import torch
 from torch import Tensor
 
-from kfit.core import Energy, Evaluation, Prior, ResidualEnergy, ResidualPrior, Variables
-from kfit.core.contracts import Need
+from kfit.core import (
+    Energy,
+    Evaluation,
+    GradientEvaluation,
+    Prior,
+    ResidualEnergy,
+    ResidualEvaluation,
+    ResidualPrior,
+    Variables,
+)
+from kfit.core.evaluate import Need
 from kfit.fitting.check_outputs import check_sizes, check_term
 from kfit.fitting.drawn_rows import DrawnRows, RowInputs, joined_evaluation
 from kfit.fitting.jacobian import JacobianProducts
@@ -47,6 +56,12 @@ class Objective:
         self.prepared, self.weights, self.rank_weights = prepared, weights, rank_weights
         self.min_overlap = min_overlap
 
+    @overload
+    def __call__(self, raw: Variables, problem: Tensor, need: Literal["value"] = "value") -> Evaluation: ...
+    @overload
+    def __call__(self, raw: Variables, problem: Tensor, need: Literal["gradient"]) -> GradientEvaluation: ...
+    @overload
+    def __call__(self, raw: Variables, problem: Tensor, need: Literal["residuals"]) -> ResidualEvaluation: ...
     def __call__(self, raw: Variables, problem: Tensor, need: Need = "value") -> Evaluation:
         """Draw and compare.
 
@@ -89,20 +104,17 @@ class Objective:
             steps = {name: torch.zeros_like(tensor, requires_grad=wants) for name, tensor in raw.items()}
             drawn = self._draw(self.retract(raw, steps) if wants else raw, rows, need)
             energy = self._descended(drawn)
-            gradient = self._gradient(energy, steps, raw, rows) if wants else None
+            gradient = self._gradient(energy, steps, raw, rows) if wants else {}
         ranked = [self.rank_weights.get(name, 0.0) * term.detach() for name, term in drawn.terms.items()]
         ranking = torch.stack(ranked).sum(0)
         if drawn.overlap is not None:
             ranking = ranking.masked_fill(too_little(drawn.overlap, self.min_overlap), torch.inf)
-        return Evaluation(
-            energy=energy.detach(),
-            ranking=ranking,
-            terms={name: term.detach() for name, term in drawn.terms.items()},
-            values={name: value.detach() for name, value in drawn.values.items()},
-            gradient=gradient,
-            residuals=torch.cat(drawn.residuals, 1) if need == "residuals" else None,
-            rendering=drawn.rendering.map(Tensor.detach),
-        )
+        terms = {name: term.detach() for name, term in drawn.terms.items()}
+        values = {name: value.detach() for name, value in drawn.values.items()}
+        found = Evaluation(energy.detach(), ranking, terms, values, drawn.rendering.map(Tensor.detach))
+        if need == "gradient":
+            return GradientEvaluation(**vars(found), gradient=gradient)
+        return found if need == "value" else ResidualEvaluation(**vars(found), residuals=torch.cat(drawn.residuals, 1))
 
     def _draw(self, raw: Variables, rows: RowInputs, need: Need) -> DrawnRows:
         """Draw rows and compare them, with a graph where gradients are enabled."""

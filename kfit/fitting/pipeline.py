@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import chain
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import torch
 from torch import Tensor, nn
@@ -24,17 +24,16 @@ from kfit.core import (
     Variables,
     frozen,
 )
-from kfit.core.check import check_count, check_names, check_range
+from kfit.core.check import check_count, check_names
 from kfit.core.frozen import networks_of, with_frozen_networks
-from kfit.core.seeds import mixed_seed
 from kfit.features import FeatureNetwork
 from kfit.fitting.check_outputs import check_memory, check_state
-from kfit.fitting.check_parts import check_callbacks, check_observation, check_parts, check_weights
+from kfit.fitting.check_parts import check_callbacks, check_numbers, check_observation, check_parts, check_weights
 from kfit.fitting.objective import Objective
 from kfit.fitting.prepared_terms import PreparedTerms
 from kfit.fitting.recipe import recipe_text
 from kfit.fitting.recorder import Recorder
-from kfit.fitting.starts import initialize, likeliest, raw_starts
+from kfit.fitting.starts import initialize, likeliest, raw_starts, row_seeds
 from kfit.fitting.state import advanced, first_state
 from kfit.runtime.devices import compile_networks, safe_after_fork
 from kfit.selectors import LowestEnergy
@@ -77,11 +76,11 @@ class FitPipeline(nn.Module):
     def __init__(
         self,
         generator: Generator,
-        energies: dict[str, Energy | Prior],
-        initializers: list[Initializer],
+        energies: Mapping[str, Energy | Prior],
+        initializers: Sequence[Initializer],
         optimizer: Optimizer,
-        weights: dict[str, float | Schedule] | None = None,
-        rank_weights: dict[str, float] | None = None,
+        weights: Mapping[str, float | Schedule] | None = None,
+        rank_weights: Mapping[str, float] | None = None,
         selector: Selector | None = None,
         callbacks: Sequence[Callback] = (),
         num_starts: int = 32,
@@ -91,21 +90,13 @@ class FitPipeline(nn.Module):
         min_overlap: float = 0.25,
     ) -> None:
         super().__init__()
-        check_count("num_starts", num_starts)
-        check_count("num_steps", num_steps, 0)
-        if num_candidates is not None:
-            check_count("num_candidates", num_candidates)
-            if num_candidates < num_starts:
-                raise ValueError(f"num_candidates must be at least num_starts, {num_starts}, got {num_candidates}")
-        if not isinstance(history, bool):
-            check_count("history", history)
-        check_range("min_overlap", min_overlap, 0, 1)
+        check_numbers(num_starts, num_steps, num_candidates, history, min_overlap)
         check_parts(generator, energies, initializers, optimizer, selector, callbacks)
         check_weights(energies, weights, rank_weights)
         self.generator: Generator = frozen(generator)
         self.energies = frozen(nn.ModuleDict(energies))
         self.initializers = tuple(with_frozen_networks(initializer) for initializer in initializers)
-        self.optimizer = optimizer
+        self.optimizer = with_frozen_networks(optimizer)
         self.weights: dict[str, float | Schedule] = {**dict.fromkeys(energies, 1.0), **(weights or {})}
         self.rank_weights = rank_weights
         self.selector = selector or LowestEnergy()
@@ -115,8 +106,8 @@ class FitPipeline(nn.Module):
         self.num_candidates = num_starts if num_candidates is None else num_candidates
         if not any((rank_weights or self.weights_at(num_steps)).values()):
             raise ValueError("rank_weights must hold a number other than 0, or no start is better than another")
-        # Initializers are no modules: what networks they hold are registered, so that `to` moves these too.
-        self.networks = nn.ModuleList(chain.from_iterable(map(networks_of, self.initializers)))
+        # Initializers and optimizers are no modules: networks that they hold are registered, so that `to` moves these.
+        self.networks = nn.ModuleList(chain.from_iterable(map(networks_of, (*self.initializers, self.optimizer))))
         self.eval()
         zeros = {name: torch.zeros(2, *v.raw_shape) for name, v in generator.variables.items()}
         check_memory(optimizer, optimizer.init(zeros, torch.zeros(2, dtype=torch.long)), 2)
@@ -147,6 +138,17 @@ class FitPipeline(nn.Module):
         """
         networks = (module for module in self.energies.modules() if isinstance(module, FeatureNetwork))
         compile_networks(self.generator, *networks, **kwargs)
+
+    if TYPE_CHECKING:
+
+        def __call__(
+            self,
+            observation: Observation,
+            *,
+            seed: int | None = None,
+            starts: Variables | None = None,
+            callbacks: Sequence[Callback] = (),
+        ) -> FitResult: ...
 
     @property
     def device(self) -> torch.device:
@@ -204,7 +206,7 @@ class FitPipeline(nn.Module):
         seed = int(torch.randint(2**31, ())) if seed is None else seed
         prepared = PreparedTerms(self.generator, self.terms, observation)
         raw = self._starts(prepared, seed, starts)
-        memory = self.optimizer.init(raw, self._seeds(observation, seed))
+        memory = self.optimizer.init(raw, row_seeds(observation, self.num_starts, seed))
         state = first_state(raw, memory, observation.num_problems, self.num_starts, self.num_steps)
         for callback in callbacks:
             callback.on_start(state)
@@ -243,8 +245,3 @@ class FitPipeline(nn.Module):
                 return raw_starts("starts", starts, variables, observation, self.num_starts)
             proposed = initialize(self.initializers, variables, observation.first_views(), self.num_candidates, seed)
         return likeliest(self._objective(prepared, 0), proposed, self.num_candidates, self.num_starts)
-
-    def _seeds(self, observation: Observation, seed: int) -> Tensor:
-        keys, starts = observation.keys or (0,) * observation.num_problems, range(self.num_starts)
-        seeds = [mixed_seed(seed, key, f"optimizer/{start}") for key in keys for start in starts]
-        return torch.tensor(seeds, device=observation.image.device)

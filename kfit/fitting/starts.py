@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import torch
+from torch import Tensor
 
 from kfit.core import Initializer, Observation, Variable, Variables
 from kfit.core.check import check_names
-from kfit.core.contracts import Evaluate
+from kfit.core.evaluate import Evaluate
 from kfit.core.rows import best_first, finite
 from kfit.core.seeds import mixed_seed
 
@@ -87,3 +88,10 @@ def likeliest(evaluate: Evaluate, raw: Variables, num_candidates: int, num_start
     order, place = best_first(ranking.where(finite(raw), torch.inf), problem)
     kept = order[place < num_starts].sort().values
     return {name: tensor[kept] for name, tensor in raw.items()}
+
+
+def row_seeds(observation: Observation, num_starts: int, seed: int) -> Tensor:
+    """Whole numbers (B · num_starts,) that decide each row's random numbers in the optimizer."""
+    keys = observation.keys or (0,) * observation.num_problems
+    seeds = [mixed_seed(seed, key, f"optimizer/{start}") for key in keys for start in range(num_starts)]
+    return torch.tensor(seeds, device=observation.image.device)

@@ -46,10 +46,10 @@ class ConvEncoder(Encoder):
         bounded: bool = False,
     ) -> None:
         super().__init__()
-        check_count("ConvEncoder: code_dim", code_dim, 1, 4096)
-        check_list("ConvEncoder: channels", channels, None, check_count, 1, 4096)
-        check_count("ConvEncoder: hidden_dim", hidden_dim, 1, 4096)
-        check_count("ConvEncoder: image_size", image_size, 2 ** len(channels), 1024)
+        check_count("ConvEncoder: code_dim", code_dim)
+        check_list("ConvEncoder: channels", channels, None, check_count)
+        check_count("ConvEncoder: hidden_dim", hidden_dim)
+        check_count("ConvEncoder: image_size", image_size, 2 ** len(channels))
         check_count("ConvEncoder: tint_grid", tint_grid, 0, image_size)
         check_choice("ConvEncoder: instance_norm", instance_norm, (False, True))
         check_choice("ConvEncoder: bounded", bounded, (False, True))

@@ -39,9 +39,9 @@ class FeatureEncoder(Encoder):
         hidden_dim: int = 256,
     ) -> None:
         super().__init__()
-        check_count("FeatureEncoder: code_dim", code_dim, 1, 4096)
-        check_count("FeatureEncoder: feature_dim", feature_dim, 1, 4096)
-        check_count("FeatureEncoder: hidden_dim", hidden_dim, 2, 4096)
+        check_count("FeatureEncoder: code_dim", code_dim)
+        check_count("FeatureEncoder: feature_dim", feature_dim)
+        check_count("FeatureEncoder: hidden_dim", hidden_dim, 2)
         self.features = features or EfficientNetLite0((2, 5, 7))
         with torch.no_grad():
             widths = [

@@ -48,9 +48,9 @@ class PoseHead(PoseNetwork):
         image_size: int = 64,
     ) -> None:
         check_choice("PoseHead: symmetry", symmetry, ("none", "y"))
-        check_list("PoseHead: channels", channels, None, check_count, 4, 4096)
-        check_count("PoseHead: hidden_dim", hidden_dim, 1, 4096)
-        check_count("PoseHead: image_size", image_size, 2 ** len(channels), 1024)
+        check_list("PoseHead: channels", channels, None, check_count, 4)
+        check_count("PoseHead: hidden_dim", hidden_dim)
+        check_count("PoseHead: image_size", image_size, 2 ** len(channels))
         check_range("PoseHead: bin_deg", bin_deg, 1, 90)
         check_range("PoseHead: spread_deg", spread_deg, 0.1, 90)
         check_rising("PoseHead: elevation_deg", elevation_deg, -90, 90)

@@ -36,10 +36,8 @@ class VAE2D(Generator):
         self, code_dim: int = 16, decoder_dims: Sequence[int] = (256, 256, 256, 128, 64), depth: bool = False
     ) -> None:
         super().__init__()
-        check_count("VAE2D: code_dim", code_dim, 1, 4096)
-        check_list("VAE2D: decoder_dims", decoder_dims, None, check_count, 1, 4096)
-        # Pictures of 1024 pixels a side.
-        check_count("VAE2D: number of decoder_dims", len(decoder_dims), 1, 9)
+        check_count("VAE2D: code_dim", code_dim)
+        check_list("VAE2D: decoder_dims", decoder_dims, None, check_count)
         check_choice("VAE2D: depth", depth, (False, True))
         self.variables = {
             "code": Variable((code_dim,)),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -18,12 +17,6 @@ from kfit.geometry.pose import rotation_from_angles, to_opencv
 
 # Share of the picture's width that the silhouette of the object's bounding sphere spans at scale 1.
 UNIT_FRACTION = 0.95
-# EXIF tag numbers (Exif 2.32, tables 8 and 9).
-_FOCAL_LENGTH, _FOCAL_LENGTH_35MM, _PIXELS_X, _PIXELS_Y = 0x920A, 0xA405, 0xA002, 0xA003
-_FOCAL_PLANE_X_RESOLUTION, _FOCAL_PLANE_UNIT = 0xA20E, 0xA210
-# Proportions that differ by less do so by rounding.
-_ALIKE = 0.01
-_UNIT_MM = {2: 25.4, 3: 10.0, 4: 1.0, 5: 1e-3}
 
 
 def intrinsics_from_fov(width: int, height: int, fov_deg: float = 60.0) -> Tensor:
@@ -42,48 +35,12 @@ def intrinsics_from_fov(width: int, height: int, fov_deg: float = 60.0) -> Tenso
     check_count("width", width)
     check_count("height", height)
     check_range("fov_deg", fov_deg, 1, 179)
-    return _intrinsics(max(width, height) / (2 * math.tan(math.radians(fov_deg) / 2)), width, height)
+    return centred_intrinsics(max(width, height) / (2 * math.tan(math.radians(fov_deg) / 2)), width, height)
 
 
-def intrinsics_from_exif(tags: Mapping[int, Any], width: int, height: int) -> Tensor | None:
-    """Intrinsics by a photo's EXIF tags, or None where they do not tell.
-
-    By FocalLengthIn35mmFilm F, which compares *diagonals* (CIPA DCG-001), f = F · √(w² + h²) / √(36² + 24²), or
-    without it by FocalLength times FocalPlaneXResolution. Both hold for the photo as it was taken, of
-    w × h = PixelXDimension × PixelYDimension pixels. One of the same proportions has been scaled since, and f with it;
-    one of other proportions has been cropped, and f stays (see `was_cropped`).
-
-    Args:
-        tags: values by tag number, those of the Exif sub-directory among them.
-        width, height: of the photo as it is now, in pixels.
-
-    Returns:
-        (3, 3), pixels with centres at integers; the principal point is the photo's middle.
-    """
-    taken = _taken(tags, width, height)
-    scale = 1.0 if was_cropped(tags, width, height) else max(width, height) / taken[0]
-    on_film = _number(tags, _FOCAL_LENGTH_35MM)
-    if on_film:
-        return _intrinsics(scale * on_film * math.hypot(*taken) / math.hypot(36, 24), width, height)
-    focal, resolution = _number(tags, _FOCAL_LENGTH), _number(tags, _FOCAL_PLANE_X_RESOLUTION)
-    unit = _UNIT_MM.get(int(_number(tags, _FOCAL_PLANE_UNIT) or 2))
-    if not (focal and resolution and unit):
-        return None
-    return _intrinsics(scale * focal * resolution / unit, width, height)
-
-
-def was_cropped(tags: Mapping[int, Any], width: int, height: int) -> bool:
-    """Whether a photo is a part of the one that its EXIF tags name: no larger, and of other proportions.
-
-    Args:
-        tags: as in `intrinsics_from_exif`.
-        width, height: of the photo as it is now, in pixels; it may have been turned upright.
-    """
-    taken, now = _taken(tags, width, height), (max(width, height), min(width, height))
-    if now[0] > taken[0] or now[1] > taken[1]:
-        return False
-    across, down = now[0] / taken[0], now[1] / taken[1]
-    return abs(across - down) > _ALIKE * max(across, down)
+def centred_intrinsics(focal: float, width: int, height: int) -> Tensor:
+    """Intrinsics (3, 3) of a focal length in pixels, with the principal point in the photo's middle."""
+    return torch.tensor([[focal, 0.0, (width - 1) / 2], [0.0, focal, (height - 1) / 2], [0.0, 0.0, 1.0]])
 
 
 def with_focal(intrinsics: Tensor, focal: Tensor) -> Tensor:
@@ -230,26 +187,3 @@ def observed(crop: Crop, image: Any, mask: Any, depth: Any | None, intrinsics: T
     """
     along = None if depth is None else depth_along(torch.as_tensor(depth), torch.tensor(crop.centre), intrinsics)
     return replace(crop.cut(image, mask, along), intrinsics=(crop.image_to_crop @ intrinsics).float()[None])
-
-
-def _intrinsics(focal: float, width: int, height: int) -> Tensor:
-    return torch.tensor([[focal, 0.0, (width - 1) / 2], [0.0, focal, (height - 1) / 2], [0.0, 0.0, 1.0]])
-
-
-def _taken(tags: Mapping[int, Any], width: int, height: int) -> tuple[float, float]:
-    """The longer and the shorter side of the photo as it was taken; what no tag tells is as it is now."""
-    longer, shorter = max(width, height), min(width, height)
-    sides = [side for side in (_number(tags, _PIXELS_X), _number(tags, _PIXELS_Y)) if side is not None]
-    if len(sides) < 2:
-        longest = max(sides, default=longer)
-        return longest, longest * shorter / longer
-    return max(sides), min(sides)
-
-
-def _number(tags: Mapping[int, Any], tag: int) -> float | None:
-    """A tag as a number above 0; cameras write 0, 0/0 and worse for "unknown"."""
-    try:
-        number = float(tags[tag])
-    except (KeyError, TypeError, ValueError, ZeroDivisionError):
-        return None
-    return number if 0 < number < math.inf else None

@@ -20,6 +20,7 @@ from torch.overrides import TorchFunctionMode
 from kfit.core import Encoder, Generator
 from kfit.generators import ExtentsHead
 from kfit.geometry import PoseNetwork
+from kfit.models.network_limits import check_arguments, check_drawing
 from kfit.pose.card import LARGEST, NETWORKS, OPTIONAL, Card
 from kfit.runtime.atomic_write import atomic_write
 from kfit.runtime.class_paths import current_path
@@ -182,7 +183,11 @@ def _filled(said: Any, name: str, numbers: Mapping[Any, Any], path: Path) -> nn.
     try:
         # What a constructor draws is replaced by the file's numbers; the caller's random numbers stay as they are.
         with torch.random.fork_rng([]), _Limited(ROOM + 4 * sum(tensor.numel() for tensor in own.values())):
+            if kind.__module__.startswith("kfit."):
+                check_arguments(said.get("init_args", {}))
             network: nn.Module = kind(**said.get("init_args", {}))
+            if kind.__module__.startswith("kfit."):
+                check_drawing(network)
     except Exception as error:  # somebody's own class may raise anything
         reason = " ".join(str(error).split()) or type(error).__name__
         raise ValueError(f"{path}: {named} cannot be built as its card says: {reason}") from error

@@ -52,7 +52,6 @@ class Adam(Optimizer):
         self, evaluate: Evaluate, raw: Variables, problem: Tensor, memory: Any
     ) -> tuple[Variables, Evaluation, Any]:
         seen = evaluate(raw, problem, need="gradient")
-        assert seen.gradient is not None  # asked for one line above
         rates = self.rates if isinstance(self.rates, dict) else dict.fromkeys(raw, self.rates)
         share = self.decay ** memory["count"]
         fallen = {name: rate * share for name, rate in rates.items()}

@@ -7,7 +7,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from kfit.core import Evaluate, Evaluation, Optimizer, Rendering, Variables
+from kfit.core import Evaluate, Evaluation, GradientEvaluation, Optimizer, Rendering, Variables
 from kfit.core.check import check_positive
 from kfit.optimizers.adam import adam_step, check_betas, moments
 from kfit.optimizers.random import normal
@@ -44,7 +44,6 @@ class AutoAdam(Optimizer):
         self, evaluate: Evaluate, raw: Variables, problem: Tensor, memory: Any
     ) -> tuple[Variables, Evaluation, Any]:
         seen = evaluate(raw, problem, need="gradient")
-        assert seen.gradient is not None  # asked for one line above
         rates = memory["rates"]
         if not bool(memory["measured"].all()):
             rates = self._rates(evaluate, raw, problem, seen, memory["seed"])
@@ -57,7 +56,7 @@ class AutoAdam(Optimizer):
         )
 
     def _rates(
-        self, evaluate: Evaluate, raw: Variables, problem: Tensor, seen: Evaluation, seeds: Tensor
+        self, evaluate: Evaluate, raw: Variables, problem: Tensor, seen: GradientEvaluation, seeds: Tensor
     ) -> dict[str, Tensor]:
         before, rates = _picture(seen.rendering), {}
         length = torch.finfo(before.dtype).eps ** (1 / 3)

@@ -37,7 +37,7 @@ class CMAES(Optimizer):
         else:
             check_positive("CMAES: spread", spread)
         if population is not None:
-            check_count("CMAES: population", population, 4, 10_000)
+            check_count("CMAES: population", population, 4)
         self.spread, self.population = spread, population
 
     def init(self, raw: Variables, seeds: Tensor) -> Any:

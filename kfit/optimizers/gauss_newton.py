@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import torch
@@ -51,7 +52,6 @@ class GaussNewton(Optimizer):
         moves = torch.cat([lengths.new_zeros(1, count), lengths.diag()])
         moved = evaluate.retract(repeated(raw, count + 1), unflatten(moves.repeat(rows, 1), raw))
         seen = evaluate(moved, problem.repeat_interleave(count + 1), need="residuals")
-        assert seen.residuals is not None  # asked for one line above
         residuals = seen.residuals.view(rows, count + 1, -1)
         jacobian = residuals[:, 1:] - residuals[:, :1]  # in lengths, which scale the numbers alike
         squares, slopes = jacobian @ jacobian.mT, (jacobian @ residuals[:, 0, :, None])[..., 0]
@@ -72,4 +72,4 @@ def _at(seen: Evaluation, rows: Tensor) -> Evaluation:
     if drawn is not None:
         pictures = pictures_of(rows, len(drawn.image) // len(seen.energy))
         drawn = drawn.map(lambda tensor: tensor[pictures])
-    return Evaluation(**taken, rendering=drawn)
+    return replace(seen, **taken, rendering=drawn)

@@ -32,7 +32,7 @@ class LBFGS(Optimizer):
     """
 
     def __init__(self, history: int = 10, first_step: float = 0.03, max_trials: int = 8) -> None:
-        check_count("LBFGS: history", history, 1, 1000)
+        check_count("LBFGS: history", history)
         check_positive("LBFGS: first_step", first_step)
         check_count("LBFGS: max_trials", max_trials)
         self.history, self.first_step, self.max_trials = history, first_step, max_trials
@@ -46,7 +46,6 @@ class LBFGS(Optimizer):
         self, evaluate: Evaluate, raw: Variables, problem: Tensor, memory: Any
     ) -> tuple[Variables, Evaluation, Any]:
         seen = evaluate(raw, problem, need="gradient")
-        assert seen.gradient is not None  # asked for one line above
         gradient = flatten(seen.gradient)
         moves, bends = self._remembered(memory["move"], gradient - memory["gradient"], memory)
         direction = self._direction(gradient, moves, bends)

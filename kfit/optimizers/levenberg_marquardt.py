@@ -58,7 +58,6 @@ class LevenbergMarquardt(Optimizer):
         self, evaluate: Evaluate, raw: Variables, problem: Tensor, memory: Any
     ) -> tuple[Variables, Evaluation, Any]:
         seen = evaluate(raw, problem, need="gradient")
-        assert seen.gradient is not None  # asked for one line above
         energy, slopes = seen.energy, flatten(seen.gradient) / 2
         solve, diagonal = self._model(evaluate, raw, problem, slopes, memory["seed"])
         found, damping, growth = torch.zeros_like(slopes), memory["damping"], memory["growth"]
@@ -117,7 +116,6 @@ def _squares(evaluate: Evaluate, raw: Variables, problem: Tensor) -> Tensor:
         here = repeated({name: tensor[piece] for name, tensor in raw.items()}, count + 1)
         moved = evaluate.retract(here, unflatten(shifts.repeat(len(piece), 1), raw))
         residuals = evaluate(moved, problem[piece].repeat_interleave(count + 1), need="residuals").residuals
-        assert residuals is not None  # asked for one line above
         residuals = residuals.view(len(piece), count + 1, -1)
         jacobian = (residuals[:, :-1] - residuals[:, -1:]) / length
         found.append((jacobian @ jacobian.mT).to(place))

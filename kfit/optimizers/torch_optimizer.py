@@ -74,7 +74,6 @@ class TorchOptimizer(Optimizer):
         self, evaluate: Evaluate, raw: Variables, problem: Tensor, memory: Any
     ) -> tuple[Variables, Evaluation, Any]:
         seen = evaluate(raw, problem, need="gradient")
-        assert seen.gradient is not None  # asked for one line above
         step, memory = self._step(raw, seen.gradient, memory)
         return evaluate.retract(raw, step), seen, memory
 

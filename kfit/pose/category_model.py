@@ -97,9 +97,8 @@ class CategoryModel:
         drawn once to choose the best. Of 40 unseen mugs, laptops and cans each, more starts and steps found no better
         poses. Adam at the released rates, which fall from step to step; E = features of EfficientNet-Lite0 + 2 · SSIM
         + 5 · silhouette + 0.02 · code prior + the card's pose weight · what the pose head says, and where there is
-        depth ½ · Geman and McClure's kernel of its difference over 0.05 mean box diagonals.
-        ``kfit bench energies`` compares others with the first three. A generator that draws no mask is fitted without
-        the silhouette.
+        depth ½ · Geman and McClure's kernel of its difference over 0.05 mean box diagonals. A generator that draws no
+        mask is fitted without the silhouette. ``kfit bench energies`` compares others with the first three.
 
         Args:
             num_starts, num_steps: as in `kfit.FitPipeline`.
@@ -174,8 +173,7 @@ class CategoryModel:
             callbacks: watch this fit, besides the pipeline's own.
 
         Raises:
-            FileNotFoundError, ValueError: for a photo, mask, box, intrinsics or depth that cannot be used, in one
-                sentence.
+            FileNotFoundError, ValueError: for inputs that cannot be used, in one sentence.
         """
         seen, observation = observe(
             image, self.card.category, self.image_size, mask, box, intrinsics, depth, relative_poses, segmenter
@@ -198,8 +196,7 @@ class CategoryModel:
         warped = SimilarityWarp(self.generator)
         with torch.no_grad():
             there = [name for name in warped.variables if name in values]
-            drawn: Rendering = warped(**{name: values[name].to(self.device) for name in there}).map(Tensor.cpu)
-        return drawn
+            return warped(**{name: values[name].to(self.device) for name in there}).map(Tensor.cpu)
 
     def read(self, observation: Observation) -> Observation:
         """The observation with what the pose head predicts of it, so that fit and answer need not run it again."""
@@ -213,8 +210,7 @@ class CategoryModel:
 
     def answer(self, fit: FitResult, seen: ObservedObject, observation: Observation) -> PoseResult:
         """What a fit of one problem says of the object that was seen; arguments as those of `answers`."""
-        (answer,) = self.answers(fit, [seen], observation)
-        if answer is None:
+        if (answer := self.answers(fit, [seen], observation)[0]) is None:
             raise FitError("every start of the fit became NaN or infinite")
         return answer
 

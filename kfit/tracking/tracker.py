@@ -18,7 +18,7 @@ from kfit.energies import L2, PosePrior, Silhouette
 from kfit.fitting.pipeline import FitPipeline
 from kfit.generators import SimilarityWarp
 from kfit.generators.similarity_warp import warp
-from kfit.geometry import Crop, rotation_error
+from kfit.geometry import Crop
 from kfit.initializers import Constant, PosePosterior
 from kfit.optimizers import GaussNewton
 from kfit.pose.category_model import CategoryModel
@@ -30,6 +30,7 @@ from kfit.pose.placement import placement
 from kfit.pose.result import PoseResult
 from kfit.segmentation import Photo, binary_mask, mask_in_photo, read_photo
 from kfit.tracking.fixed_rendering import FixedRendering
+from kfit.tracking.track_quality import GOOD_OVERLAP, TrackQuality
 from kfit.tracking.tracked_pose import TrackedPose
 
 # Of differences in roll, shift and scale, in raw units: two degrees and two thirds of a pixel.
@@ -37,12 +38,6 @@ LENGTHS = {"roll": 0.012, "shift": 0.02, "scale": 0.02}
 STEPS = 3
 # About the silhouette, in shares of the grid in which the mask is looked for: after a good mask, and after a bad one.
 BAND, WIDE_BAND = 0.05, 0.09
-# Overlap of drawing and mask below which the object is looked for anew, and above which a mask is held to be good.
-LOST, GOOD = 0.6, 0.85
-# Times the usual energy above which it is, too, and how fast what is usual follows.
-UNUSUAL, LEARNING = 2.0, 0.2
-# Degrees from one frame to the next that are a jump to another pose, and frames without one until a pose is trusted.
-JUMP_DEG, CALM = 30.0, 5
 # Share of the last motion in what is expected of the next.
 MOMENTUM = 0.5
 
@@ -72,10 +67,10 @@ class Tracker:
         self.model, self.seed, self.num_drawn = model, seed, 0
         self.reads, self.says = PosePosterior(model.pose_head), PosePrior(model.pose_head)
         self.energies = default_energies()
-        self.calm, self.before = CALM, torch.from_numpy(first.rotation)
-        self._start(first)
+        rotation, energy = torch.from_numpy(first.rotation), first.energy
+        self._start(first, TrackQuality(model.card.known.symmetry, rotation, energy, energy))
 
-    def _start(self, first: PoseResult) -> None:
+    def _start(self, first: PoseResult, quality: TrackQuality) -> None:
         values = first.fit.values
         self.code, self.size = values["code"], first.size
         names = ("azimuth", "elevation", "roll", "shift", "scale", "focal")
@@ -96,7 +91,7 @@ class Tracker:
             num_starts=2,
             num_steps=0,
         )
-        self.usual = self.fitted = first.energy
+        self.quality = quality
         self.last = self._told(first.energy, first.confidence, first.mask, first.observation, self._drawn(), anew=True)
 
     def __call__(self, frame: str | Path | Photo | NDArray[Any], mask: NDArray[Any] | None = None) -> TrackedPose:
@@ -141,7 +136,7 @@ class Tracker:
         for name in self.motion:
             self.motion[name] = MOMENTUM * (self.motion[name] + _wrapped(self.values[name] - values[name]))
         self.last = self._told(energy, confidence, found, seen, drawn, anew=False)
-        self.usual += LEARNING * (min(energy, UNUSUAL * self.usual) - self.usual)
+        self.quality.learn(energy)
         return self._anew(pixels) if mask is None and self.last.lost else self.last
 
     def _pose(self, seen: Observation) -> tuple[float, float]:
@@ -157,7 +152,7 @@ class Tracker:
         """What the model's calibration makes of the two poses that were compared and of the pose head's probability."""
         symmetry, head = self.model.card.known.symmetry, self.model.pose_head
         looks = self.model.pose_log_probabilities(seen)
-        found = alternatives(ranked, torch.eye(3, dtype=torch.float64), symmetry)
+        found = alternatives(ranked, torch.eye(3).double(), symmetry)
         near = None if head is None or looks is None else head_probability(ranked, looks[0], head, symmetry)
         calibration, told = self.model.card.calibration.get("RGB"), evidence(found, near)
         if calibration is None or not set(calibration.coefficients) <= set(told):
@@ -194,8 +189,7 @@ class Tracker:
         if "focal" in self.values:
             seen["focal"] = self.values["focal"] / self.values["scale"]
         with torch.no_grad():
-            drawn: Rendering = self.bound(**seen)
-        return drawn
+            return self.bound(**seen)
 
     def _told(
         self,
@@ -214,17 +208,14 @@ class Tracker:
             away = self.silhouette.minimum(seen.field("mask")[0, 0]).sum()
             overlap = away / self.silhouette.maximum(seen.field("mask")[0, 0]).sum()
             rotation, translation, _ = placement(self.values, self.crop, self.camera, self.model.card)
-        lost = float(overlap) < LOST or energy > UNUSUAL * self.usual
-        jump = rotation_error(rotation[0], self.before, self.model.card.known.symmetry).rad2deg() > JUMP_DEG
-        self.calm, self.before = 0 if jump else self.calm + 1, rotation[0]
-        doubtful = lost or float(overlap) < GOOD or energy > UNUSUAL * self.fitted or self.calm < CALM
+        lost, confidence = self.quality.assess(energy, float(overlap), rotation[0], confidence)
         return TrackedPose(
             rotation[0].numpy(),
             translation[0].numpy(),
             self.size,
             energy,
             float(overlap),
-            min(confidence, DOUBTFUL) if doubtful else confidence,
+            confidence,
             lost,
             anew,
             self.camera.double().numpy(),
@@ -235,27 +226,21 @@ class Tracker:
         )
 
     def _nearby(self, pixels: NDArray[np.float32]) -> NDArray[np.float32] | None:
-        """The mask about where the silhouette should be."""
-        self.crop = self._expected()
-        band = BAND if self.last.overlap > GOOD else WIDE_BAND
-        return mask_in_photo(pixels, self.silhouette.numpy(), self.crop, band)
-
-    def _expected(self) -> Crop:
-        """The crop, had the object moved as it did last."""
+        """The mask about where the silhouette should be, had the object moved as it did last."""
         (x, y), (right, down, larger) = self.crop.centre, self.drift
-        return replace(self.crop, centre=(x + right, y + down), side=self.crop.side * larger)
+        self.crop = replace(self.crop, centre=(x + right, y + down), side=self.crop.side * larger)
+        band = BAND if self.last.overlap > GOOD_OVERLAP else WIDE_BAND
+        return mask_in_photo(pixels, self.silhouette.numpy(), self.crop, band)
 
     def _anew(self, pixels: NDArray[np.float32]) -> TrackedPose:
         """Fit the frame from nothing, in the box where the object should be."""
         left, top = (middle - self.crop.side / 2 for middle in self.crop.centre)
         box = (left, top, self.crop.side, self.crop.side)
         try:
-            usual = self.usual
-            self._start(self.model.pose(pixels, box=box, intrinsics=self.camera, seed=self.seed))
+            found = self.model.pose(pixels, box=box, intrinsics=self.camera, seed=self.seed)
         except ValueError:  # nothing stands out there; perhaps it will in the next
             return self._unseen()
-        if self.last.energy > UNUSUAL * usual:  # what was found there is something else
-            self.last, self.usual = replace(self.last, lost=True, confidence=min(self.last.confidence, DOUBTFUL)), usual
+        self._start(found, self.quality.fitted_anew(found.energy))
         return self.last
 
     def _unseen(self) -> TrackedPose:

@@ -7,6 +7,7 @@ from torch import nn
 
 from kfit.core import Callback, Initializer
 from kfit.core.frozen import with_frozen_networks
+from kfit.optimizers import Adam, Stages
 
 
 class Counting(Callback):
@@ -116,3 +117,19 @@ class TestBuildingAPipeline:
         fit = pipeline()
         assert isinstance(fit.callbacks, tuple)
         assert isinstance(fit.initializers, tuple)
+
+    def test_freezes_the_networks_of_optimizers_also_in_stages(self):
+        network = nn.Linear(1, 1).train()
+
+        class Guided(Adam):
+            def __init__(self, network):
+                super().__init__(0.01)
+                self.network = network
+
+        fit = pipeline(optimizer=Stages([(Guided(network), 2), (Adam(0.01), 2)]))
+        twin = fit.optimizer.stages[0][0].network
+        assert twin is fit.networks[0]
+        assert twin is not network
+        assert twin.weight.data_ptr() == network.weight.data_ptr()
+        assert network.training
+        assert not twin.training

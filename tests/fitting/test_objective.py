@@ -41,7 +41,7 @@ def test_only_gradients_build_a_graph(need, graph):
     assert watched.graphs == [graph]
     assert not any(term.requires_grad for term in seen.terms.values())
     assert not seen.rendering.image.requires_grad
-    assert (seen.gradient is not None) == graph
+    assert hasattr(seen, "gradient") == graph
 
 
 def test_a_term_that_only_ranks_is_compared_and_not_differentiated():

@@ -8,7 +8,8 @@ import pytest
 import torch
 from torch.utils.flop_counter import FlopCounterMode
 
-from kfit.data.rasterizer import Light, render, standard_pose
+from kfit.data.light import Light
+from kfit.data.rasterizer import render, standard_pose
 from kfit.data.shapes.primitives import revolve
 from kfit.data.shapes.textures import solid
 from kfit.generators import VAE3D, RadianceField, ray_march
