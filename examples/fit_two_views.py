@@ -43,7 +43,7 @@ fit = FitPipeline(
     generator,
     {"outline": Silhouette(), "color": L2()},
     weights={"color": 5.0},
-    initializers=[Constant({"rotation": away.tolist(), "translation": [0.02, 0.0, 0.62]}, spread={"rotation": 0.2})],
+    initializers=[Constant({"rotation": away.tolist(), "translation": [0.02, 0.0, 0.62]}, sigma={"rotation": 0.2})],
     optimizer=Adam({"rotation": 0.01, "translation": 0.004}, decay=0.96),
     callbacks=[Pruning({14: 6, 24: 2})],
     num_starts=16,

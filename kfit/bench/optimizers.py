@@ -22,7 +22,7 @@ class Problem:
     """Problems of one kind, and how to tell which of them a fit has solved.
 
     Attributes:
-        rates, spread: for Adam and CMA-ES, in raw units.
+        rates, sigma: for Adam and CMA-ES, in raw units.
         solved: which problems (B,) a result solves.
     """
 
@@ -33,7 +33,7 @@ class Problem:
     initializers: list[Initializer]
     observation: Observation
     rates: float | dict[str, float]
-    spread: float | dict[str, float]
+    sigma: float | dict[str, float]
     solved: Callable[[FitResult], Tensor]
 
 
@@ -119,7 +119,7 @@ def optimizers(problem: Problem, budget: int) -> dict[str, tuple[Optimizer, int]
         "AutoAdam": (AutoAdam(), max(1, budget - len(variables))),
         "LBFGS": (LBFGS(), max(1, budget // 2)),
         "LevenbergMarquardt": (LevenbergMarquardt(), max(1, budget // squares)),
-        "CMAES": (CMAES(problem.spread), max(1, budget // (population + 1))),
+        "CMAES": (CMAES(problem.sigma), max(1, budget // (population + 1))),
         "Stages: Adam, then LM": (
             Stages([(adam, max(1, budget // 2)), (LevenbergMarquardt(), finish)]),
             max(1, budget // 2) + finish,

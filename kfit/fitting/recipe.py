@@ -39,7 +39,7 @@ def recipe_text(pipeline: nn.Module) -> str:
 
 
 def _of_model(initializer: Initializer) -> bool:
-    return type(initializer) is EncoderPosterior and initializer.on == ("code",) and initializer.spread == 1
+    return type(initializer) is EncoderPosterior and initializer.on == ("code",) and initializer.sigma == 1
 
 
 def recipe_of(name: str, value: Any) -> Any:

@@ -15,7 +15,7 @@ from kfit.geometry.camera import (
     with_focal,
 )
 from kfit.geometry.categories import CATEGORIES, Category
-from kfit.geometry.clusters import energy_weights, rotation_clusters, rotation_spread_deg
+from kfit.geometry.clusters import energy_weights, rotation_clusters, rotation_sigma_deg
 from kfit.geometry.crop import Crop
 from kfit.geometry.exif import intrinsics_from_exif, was_cropped
 from kfit.geometry.pose import (
@@ -54,7 +54,7 @@ __all__ = [
     "rotation_clusters",
     "rotation_error",
     "rotation_from_angles",
-    "rotation_spread_deg",
+    "rotation_sigma_deg",
     "to_opencv",
     "viewing_ray",
     "viewing_ray_rotation",

@@ -49,7 +49,7 @@ def energy_weights(energy: Tensor, temperature: float = TEMPERATURE) -> Tensor:
     return torch.softmax(-(energy - best) / (temperature * best.abs() + 1e-9), 0)
 
 
-def rotation_spread_deg(rotation: Tensor, weight: Tensor, centre: Tensor, symmetry: Symmetry = "none") -> Tensor:
+def rotation_sigma_deg(rotation: Tensor, weight: Tensor, centre: Tensor, symmetry: Symmetry = "none") -> Tensor:
     """Weighted angular standard deviation √(Σ w d² / Σ w) in degrees, d the angles of N rotations from a centre.
 
     Args:

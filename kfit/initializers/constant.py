@@ -17,23 +17,23 @@ class Constant(Initializer):
 
     Args:
         values: by variable; a number fills the variable's whole shape, a list must match it.
-        spread: standard deviation of the starts but the first, by variable, as steps in the variable's space: in
+        sigma: standard deviation of the starts but the first, by variable, as steps in the variable's space: in
             half-turns for angles and rotations, in logarithms for positive numbers; 0 for variables not named.
 
     Raises:
-        TypeError, ValueError: for values that are not finite numbers, a spread below 0 or of a variable that has no
+        TypeError, ValueError: for values that are not finite numbers, a sigma below 0 or of a variable that has no
             value here and, when it is called, a value of another shape than its variable.
 
     Example:
-        >>> Constant({"roll": 0.0, "scale": 1.0}, spread={"roll": 0.1}).on
+        >>> Constant({"roll": 0.0, "scale": 1.0}, sigma={"roll": 0.1}).on
         ('roll', 'scale')
     """
 
-    def __init__(self, values: dict[str, float | list[float]], spread: dict[str, float] | None = None) -> None:
+    def __init__(self, values: dict[str, float | list[float]], sigma: dict[str, float] | None = None) -> None:
         check_dict("Constant: values", values, _check_finite)
-        self.values, self.spread, self.on = values, {} if spread is None else spread, tuple(values)
-        check_dict("Constant: spread", self.spread, check_range, 0)
-        check_names("Constant: spread", self.spread, self.on)
+        self.values, self.sigma, self.on = values, {} if sigma is None else sigma, tuple(values)
+        check_dict("Constant: sigma", self.sigma, check_range, 0)
+        check_names("Constant: sigma", self.sigma, self.on)
 
     def __call__(
         self,
@@ -48,24 +48,24 @@ class Constant(Initializer):
             if tensor.dim() and tensor.shape != shape:
                 raise ValueError(f"Constant: {name} must be a number or of shape {shape}, got {tuple(tensor.shape)}")
             same = tensor.expand(observation.num_problems, *shape)
-            if name in self.spread:
-                started[name] = scattered(same, variables[name], self.spread[name], num_starts, rngs)
+            if name in self.sigma:
+                started[name] = scattered(same, variables[name], self.sigma[name], num_starts, rngs)
             else:
                 started[name] = same.repeat_interleave(num_starts, 0)
         return started
 
 
 def scattered(
-    values: Tensor, variable: Variable, spread: float, num_starts: int, rngs: Sequence[torch.Generator]
+    values: Tensor, variable: Variable, sigma: float, num_starts: int, rngs: Sequence[torch.Generator]
 ) -> Tensor:
-    """Values (B · S, \\*shape) about B values: after steps of spread · ε, ε ~ N(0, 1), but of the first start none."""
+    """Values (B · S, \\*shape) about B values: after steps of sigma · ε, ε ~ N(0, 1), but of the first start none."""
     space, shape = variable.space, variable.raw_shape
     noise = torch.stack([torch.randn(num_starts, *shape, generator=rng, dtype=torch.float32) for rng in rngs]).to(
         values
     )
     noise[:, 0] = 0
     raw = space.to_raw(values).repeat_interleave(num_starts, 0)
-    return space.to_value(space.retract(raw, spread * noise.flatten(0, 1)))
+    return space.to_value(space.retract(raw, sigma * noise.flatten(0, 1)))
 
 
 def _check_finite(name: str, value: Any) -> None:

@@ -14,18 +14,18 @@ from kfit.core.check import check_range, check_text
 class EncoderPosterior(Initializer):
     """Draws the code from the Gaussian that an encoder gives for the observed picture (paper, section 3.3).
 
-    z = μ(I) + spread · σ(I) · ε, ε ~ N(0, 1); the first start of each problem takes the mean.
+    z = μ(I) + sigma · σ(I) · ε, ε ~ N(0, 1); the first start of each problem takes the mean.
 
     Args:
         encoder: image (B, C, H, W) → mean and log-variance, (B, D) each.
         on: the variable.
-        spread: factor on the standard deviation; 0 starts all at the mean.
+        sigma: factor on the standard deviation; 0 starts all at the mean.
     """
 
-    def __init__(self, encoder: Encoder, on: str = "code", spread: float = 1.0) -> None:
+    def __init__(self, encoder: Encoder, on: str = "code", sigma: float = 1.0) -> None:
         check_text("EncoderPosterior: on", on)
-        check_range("EncoderPosterior: spread", spread, 0)
-        self.encoder, self.on, self.spread = frozen(encoder), (on,), spread
+        check_range("EncoderPosterior: sigma", sigma, 0)
+        self.encoder, self.on, self.sigma = frozen(encoder), (on,), sigma
 
     def __call__(
         self,
@@ -37,7 +37,7 @@ class EncoderPosterior(Initializer):
         with torch.no_grad():
             mean, log_variance = self.encoder(observation.image)
         noise = torch.stack([self._noise(num_starts, mean.shape[1], rng) for rng in rngs]).to(mean)
-        codes = mean[:, None] + self.spread * (0.5 * log_variance[:, None]).exp() * noise
+        codes = mean[:, None] + self.sigma * (0.5 * log_variance[:, None]).exp() * noise
         return {self.on[0]: codes.flatten(0, 1)}
 
     @staticmethod

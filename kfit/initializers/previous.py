@@ -14,28 +14,28 @@ from kfit.initializers.constant import scattered
 class Previous(Initializer):
     """Starts at an earlier fit's answer, such as the frame before in a video.
 
-    A start is the answer after a step of spread · ε, ε ~ N(0, 1), in the variable's space; the first start of each
+    A start is the answer after a step of sigma · ε, ε ~ N(0, 1), in the variable's space; the first start of each
     problem takes the answer itself.
 
     Args:
         result: of as many problems as will be fitted, problem by problem the same objects.
         on: the variables to take over; all unless given.
-        spread: standard deviation of the other starts by variable, where the optimizer walks: in half-turns for
+        sigma: standard deviation of the other starts by variable, where the optimizer walks: in half-turns for
             angles, in logarithms for positive numbers; 0 for variables not named.
 
     Raises:
-        ValueError: for names that the result does not have, a spread of a variable not taken over or below 0, an
+        ValueError: for names that the result does not have, a sigma of a variable not taken over or below 0, an
             answer that is not finite and, when it is called, another number of problems.
     """
 
     def __init__(
-        self, result: FitResult, on: Sequence[str] | None = None, spread: dict[str, float] | None = None
+        self, result: FitResult, on: Sequence[str] | None = None, sigma: dict[str, float] | None = None
     ) -> None:
         if on is not None:
             check_list("Previous: on", on, None, check_choice, result.values)
-        self.on, self.spread = tuple(result.values if on is None else on), {} if spread is None else spread
-        check_dict("Previous: spread", self.spread, check_range, 0)
-        check_names("Previous: spread", self.spread, self.on)
+        self.on, self.sigma = tuple(result.values if on is None else on), {} if sigma is None else sigma
+        check_dict("Previous: sigma", self.sigma, check_range, 0)
+        check_names("Previous: sigma", self.sigma, self.on)
         self.values = {name: result.values[name].detach() for name in self.on}
         for name, value in self.values.items():
             if not bool(value.isfinite().all()):
@@ -53,5 +53,5 @@ class Previous(Initializer):
             if len(value) != observation.num_problems:
                 count = observation.num_problems
                 raise ValueError(f"Previous: the result holds {len(value)} problems, the observation {count}")
-            started[name] = scattered(value, variables[name], self.spread.get(name, 0.0), num_starts, rngs)
+            started[name] = scattered(value, variables[name], self.sigma.get(name, 0.0), num_starts, rngs)
         return started

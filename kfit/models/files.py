@@ -23,7 +23,7 @@ from kfit.geometry import PoseNetwork
 from kfit.models.network_limits import check_arguments, check_drawing
 from kfit.pose.card import LARGEST, NETWORKS, OPTIONAL, Card
 from kfit.runtime.atomic_write import atomic_write
-from kfit.runtime.class_paths import current_path
+from kfit.runtime.class_paths import current_paths
 from kfit.runtime.torch_file import LARGEST_WEIGHTS, read_torch
 
 # What a network must be by its name, whether kfit's or somebody's own.
@@ -173,7 +173,8 @@ def _filled(said: Any, name: str, numbers: Mapping[Any, Any], path: Path) -> nn.
         raise ValueError(f"{path} names no class for the {name}")
     named = repr(said["class_path"][:100])
     own = {key.removeprefix(f"{name}."): t for key, t in numbers.items() if str(key).startswith(f"{name}.")}
-    kind = _kind(current_path(said["class_path"]))
+    said = current_paths(said)
+    kind = _kind(said["class_path"])
     if not (isinstance(kind, type) and issubclass(kind, ROLES[name])):
         raise ValueError(
             f"{path} names {named} as {name}: no network of kfit, nor of a module imported before, that could be one"

@@ -23,7 +23,7 @@ class CMAES(Optimizer):
     numbers of a row come from its seed.
 
     Args:
-        spread: standard deviation at the start in raw units, one for all variables or one for each.
+        sigma: standard deviation at the start in raw units, one for all variables or one for each.
         population: pictures a step and row; 4 + ⌊3 ln P⌋ for P numbers unless given.
 
     Raises:
@@ -31,20 +31,20 @@ class CMAES(Optimizer):
             from the generator's variables.
     """
 
-    def __init__(self, spread: float | dict[str, float] = 0.1, population: int | None = None) -> None:
-        if isinstance(spread, dict):
-            check_dict("CMAES: spread", spread, check_positive)
+    def __init__(self, sigma: float | dict[str, float] = 0.1, population: int | None = None) -> None:
+        if isinstance(sigma, dict):
+            check_dict("CMAES: sigma", sigma, check_positive)
         else:
-            check_positive("CMAES: spread", spread)
+            check_positive("CMAES: sigma", sigma)
         if population is not None:
             check_count("CMAES: population", population, 4)
-        self.spread, self.population = spread, population
+        self.sigma, self.population = sigma, population
 
     def init(self, raw: Variables, seeds: Tensor) -> Any:
-        if isinstance(self.spread, dict):
-            check_names("spread", self.spread, raw, complete=True)
-        spread = self.spread if isinstance(self.spread, dict) else dict.fromkeys(raw, self.spread)
-        widths = flatten({name: torch.full_like(tensor, spread[name]) for name, tensor in raw.items()})
+        if isinstance(self.sigma, dict):
+            check_names("sigma", self.sigma, raw, complete=True)
+        sigma = self.sigma if isinstance(self.sigma, dict) else dict.fromkeys(raw, self.sigma)
+        widths = flatten({name: torch.full_like(tensor, sigma[name]) for name, tensor in raw.items()})
         zeros = torch.zeros_like(widths)
         return {
             "covariance": torch.diag_embed(widths.square()),

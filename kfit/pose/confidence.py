@@ -174,7 +174,7 @@ def evidence(found: Sequence[Alternative], seen: float | None) -> dict[str, floa
     told = {
         "weight": _logit(answer.weight),
         "energy": -math.log(max(answer.energy, 1e-6)),
-        "agreement": -math.log1p(answer.spread_deg),
+        "agreement": -math.log1p(answer.sigma_deg),
     }
     return told if seen is None else told | {"looks": _logit(seen)}
 

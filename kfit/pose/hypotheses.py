@@ -15,7 +15,7 @@ from kfit.geometry import (
     rotation_clusters,
     rotation_error,
     rotation_from_angles,
-    rotation_spread_deg,
+    rotation_sigma_deg,
     to_opencv,
 )
 from kfit.geometry.clusters import WITHIN_DEG
@@ -83,7 +83,7 @@ def alternatives(fit: FitResult, turn: Tensor, symmetry: Symmetry) -> list[Alter
     for number in range(int(cluster.max()) + 1):
         rows = (cluster == number).nonzero()[:, 0]
         best = rows[first[rows].argmin()]
-        spread = rotation_spread_deg(rotation[rows], weight[rows], rotation[best], symmetry)
+        spread = rotation_sigma_deg(rotation[rows], weight[rows], rotation[best], symmetry)
         share = float(weight[rows].sum())
         groups.append(Alternative(rotation[best].numpy(), float(energy[best]), share, float(spread)))
     return groups[:1] + sorted(groups[1:], key=lambda group: -group.weight)

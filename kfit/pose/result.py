@@ -28,13 +28,13 @@ class Alternative:
         rotation: (3, 3).
         energy: of its best start.
         weight: share of the surviving starts' weight, in [0, 1]; all alternatives' sum to 1.
-        spread_deg: weighted angular standard deviation of its starts about the best one.
+        sigma_deg: weighted angular standard deviation of its starts about the best one.
     """
 
     rotation: NDArray[np.float64]
     energy: float
     weight: float
-    spread_deg: float
+    sigma_deg: float
 
 
 @dataclass(frozen=True)
@@ -159,7 +159,7 @@ class PoseResult:
             "confidence": self.confidence,
             "ambiguous": self.ambiguous,
             "alternatives": [
-                {"rotation": a.rotation.tolist(), "energy": a.energy, "weight": a.weight, "spread_deg": a.spread_deg}
+                {"rotation": a.rotation.tolist(), "energy": a.energy, "weight": a.weight, "sigma_deg": a.sigma_deg}
                 for a in self.alternatives
             ],
             "intrinsics": self.intrinsics.tolist(),

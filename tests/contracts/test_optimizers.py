@@ -297,17 +297,17 @@ class TestCMAES:
         torch.testing.assert_close(new["x"][0], new["x"][2], rtol=0, atol=0)
         assert not torch.allclose(new["x"][0], new["x"][1])
 
-    @pytest.mark.parametrize("spread", [0.0, {"x": 0.1, "y": -1.0}])
-    def test_refuses_spreads_that_are_not_above_zero(self, spread):
-        with pytest.raises(ValueError, match=r"CMAES: spread (of y )?must be above 0"):
-            CMAES(spread)
+    @pytest.mark.parametrize("sigma", [0.0, {"x": 0.1, "y": -1.0}])
+    def test_refuses_spreads_that_are_not_above_zero(self, sigma):
+        with pytest.raises(ValueError, match=r"CMAES: sigma (of y )?must be above 0"):
+            CMAES(sigma)
 
     def test_refuses_a_population_without_a_better_half(self):
         with pytest.raises(ValueError, match="CMAES: population must be at least 4, got 3"):
             CMAES(population=3)
 
     def test_refuses_spreads_that_do_not_name_the_variables(self):
-        with pytest.raises(ValueError, match="spread: nothing for y; the names are x, y"):
+        with pytest.raises(ValueError, match="sigma: nothing for y; the names are x, y"):
             CMAES({"x": 0.1}).init(starts(), seeds())
 
 

@@ -116,7 +116,7 @@ def test_a_refinement_begins_as_next_to_nothing_and_corrects_colour_and_mask_alo
     plain = field._picture(field._volume(values["code"]), values, rays)
     begun = field(**values)
     torch.testing.assert_close(begun.image, plain.image, rtol=0, atol=5e-3)
-    torch.nn.init.constant_(field.refinement.say.bias, 1.0)
+    torch.nn.init.constant_(field.refinement.output.bias, 1.0)
     found = field(**values)
     assert (found.mask > plain.mask).all()
     assert (found.image > plain.image)[plain.image < 0.99].all()
