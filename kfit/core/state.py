@@ -21,7 +21,7 @@ class Evaluation:
         energy: (N,) weighted sum that is descended.
         ranking: (N,) weighted sum by which starts are ranked.
         terms: (N,) each, unweighted.
-        values: what the generator saw, (N, \*shape) each.
+        values: what the generator saw, (N, \\*shape) each.
         rendering: what was drawn, N pictures.
     """
 

@@ -179,7 +179,7 @@ class FitPipeline(nn.Module):
             observation: what was seen.
             seed: with the problems' keys it decides every random number, at least 0; taken from torch's generator
                 unless given.
-            starts: values (B · S, \*shape) of all variables, the S starts of a problem one after another, in place of
+            starts: values (B · S, \\*shape) of all variables, the S starts of a problem one after another, in place of
                 those that the initializers propose.
             callbacks: of this fit alone, called after the pipeline's own.
 
@@ -237,7 +237,7 @@ class FitPipeline(nn.Module):
         return Objective(prepared, self.weights_at(step), rank_weights, self.min_overlap)
 
     def _starts(self, prepared: PreparedTerms, seed: int, starts: Variables | None) -> Variables:
-        """Raw variables (B · S, \*shape) of the starts."""
+        """Raw variables (B · S, \\*shape) of the starts."""
         observation, variables = prepared.observation, self.generator.variables
         with torch.autocast(observation.image.device.type, enabled=False):  # it would round the starts
             if starts is not None:

@@ -50,7 +50,7 @@ def initialize(
 def raw_starts(
     who: str, values: Variables, variables: Mapping[str, Variable], observation: Observation, count: int
 ) -> Variables:
-    """Raw numbers of values (B · count, \*shape), in the precision and where the observation is.
+    """Raw numbers of values (B · count, \\*shape), in the precision and where the observation is.
 
     Args:
         who: sets them, for the errors.

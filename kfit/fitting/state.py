@@ -15,7 +15,7 @@ def first_state(raw: Variables, memory: Any, num_problems: int, num_starts: int,
     """The state before the first step.
 
     Args:
-        raw: (B · S, \*shape) of each variable.
+        raw: (B · S, \\*shape) of each variable.
         memory: of the optimizer.
         num_problems, num_starts, num_steps: B, S and the steps planned.
     """

@@ -98,7 +98,7 @@ def with_prediction(observation: Observation, network: PoseNetwork) -> Observati
         network: is left as it is, in whatever mode.
     """
     device = network.rotations.device
-    with torch.no_grad(), torch.autocast(device.type, enabled=False):
+    with torch.inference_mode(False), torch.no_grad(), torch.autocast(device.type, enabled=False):
         found = frozen(network).log_probabilities(observation.map(lambda tensor: tensor.to(device)))
     known = {network.prediction_name: found.to(observation.image.device)}
     return replace(observation, predictions={**observation.predictions, **known})
