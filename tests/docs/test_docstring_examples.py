@@ -1,0 +1,33 @@
+"""Examples in docstrings run and print what they show, and every public class and function of these rooms has one."""
+
+import doctest
+import importlib
+import inspect
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+FLAGS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
+MODULES = [
+    ".".join(file.relative_to(ROOT).with_suffix("").parts)
+    for file in sorted((ROOT / "kfit").rglob("*.py"))
+    if ">>> " in file.read_text()
+]
+ROOMS = ["kfit.energies"]
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_examples_of_a_module_print_what_they_show(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    found = doctest.testmod(importlib.import_module(name), optionflags=FLAGS)
+    assert found.attempted > 0
+    assert found.failed == 0
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_every_public_class_and_function_has_an_example(room):
+    module = importlib.import_module(room)
+    parts = {name: getattr(module, name) for name in module.__all__}
+    documented = {name: part for name, part in parts.items() if inspect.isclass(part) or inspect.isfunction(part)}
+    assert [name for name, part in documented.items() if ">>> " not in (part.__doc__ or "")] == []
