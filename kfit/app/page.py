@@ -137,24 +137,24 @@ def page(sessions: Sessions) -> gr.Blocks:
         def run(category: str | None, request: gr.Request) -> Iterator[list[Any]]:
             session = sessions.of(request.session_hash or "")
             hidden, same = gr.update(visible=False), gr.skip()
-            told: list[Drawn] = []
+            steps: list[Drawn] = []
             session.busy = True
             try:
                 with line.joined() as waiting:
                     for before in waiting:
                         yield [views.waiting(before), hidden, same, same]
                     fitting = session.fit(category)
-                    yield [views.converging(told), hidden, same, same]
+                    yield [views.converging(steps), hidden, same, same]
                     for news in fitting:
                         if isinstance(news, Drawn):
-                            told.append(news)
-                            yield [views.converging(told), hidden, same, same]
+                            steps.append(news)
+                            yield [views.converging(steps), hidden, same, same]
                         else:
-                            yield [views.answered(news, told), hidden, same, same]
+                            yield [views.answered(news, steps), hidden, same, same]
                             yield [same, gr.update(visible=True), *map(str, session.write(news))]
             except Exception as error:
                 _tell(error)
-                yield [same if told else "", hidden, same, same]
+                yield [same if steps else "", hidden, same, same]
             finally:
                 session.busy = False
 

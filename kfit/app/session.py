@@ -97,7 +97,7 @@ class Session:
             ValueError: if it cannot be used or there is no photo yet; what was there before stays.
         """
         try:
-            self.mask = checked(path, lambda file: mask_from_file(file, self._seen().image.shape[:2]))
+            self.mask = checked(path, lambda file: mask_from_file(file, self._photo_or_error().image.shape[:2]))
         finally:
             path.unlink(missing_ok=True)
         self._told = ["--mask", path.name]
@@ -111,7 +111,7 @@ class Session:
         Raises:
             ValueError: if nothing stands out in the box, or there is no photo yet.
         """
-        image = self._seen().image
+        image = self._photo_or_error().image
         height, width = image.shape[:2]
         left, top, across, down = (
             round(part * whole) for part, whole in zip(box, (width, height, width, height), strict=True)
@@ -126,7 +126,7 @@ class Session:
         Raises:
             ValueError: if picture, mask or category is still to be given.
         """
-        photo = self._seen()
+        photo = self._photo_or_error()
         if self.mask is None:
             raise ValueError("Draw a box around the object first, so that it is known what is to be fitted.")
         if category is None:
@@ -159,7 +159,7 @@ class Session:
         Raises:
             ValueError: if the visit is over; the folder would be there for good.
         """
-        self._seen()
+        self._photo_or_error()
         from kfit import report
 
         page, numbers = atomic_write(
@@ -177,7 +177,7 @@ class Session:
         self.targets = []
         shutil.rmtree(self.folder, ignore_errors=True)
 
-    def _seen(self) -> Photo:
+    def _photo_or_error(self) -> Photo:
         if self.photo is None:
             raise ValueError("There is no picture: choose one, also if you had, as pictures are not kept for long.")
         return self.photo

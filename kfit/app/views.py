@@ -45,21 +45,21 @@ def waiting(before: int) -> str:
     return f'<p class="kfit-busy" role="status">{others} before yours; it begins by itself …</p>'
 
 
-def converging(told: Sequence[Drawn]) -> str:
+def converging(steps: Sequence[Drawn]) -> str:
     """What is seen and what is drawn, side by side, while a fit runs that has told so much."""
-    if not told:
+    if not steps:
         return '<p class="kfit-busy" role="status">Loading the model …</p>'
-    now = told[-1]
+    now = steps[-1]
     share = now.step / max(1, now.num_steps)
     return (
         f'<p class="kfit-busy" role="status">Step {now.step} of {now.num_steps}: {now.num_starts} starts on their way, '
         f"the best at energy {now.energy:.3f}</p>"
         f'<div class="kfit-bar"><div style="width: {100 * share:.0f}%"></div></div>'
-        f"{_pair(now.seen, now.drawing)}{_curve(told)}"
+        f"{_pair(now.observed, now.drawing)}{_curve(steps)}"
     )
 
 
-def answered(result: PoseResult, told: Sequence[Drawn]) -> str:
+def answered(result: PoseResult, steps: Sequence[Drawn]) -> str:
     """The answer: the photo with box and axes, one line, notes, and how the fit went."""
     rotation, translation, size, camera = (
         torch.from_numpy(part) for part in (result.rotation, result.translation, result.size, result.intrinsics)
@@ -71,30 +71,30 @@ def answered(result: PoseResult, told: Sequence[Drawn]) -> str:
         f'<img class="kfit-overlay" src="{overlay}" alt="The photo with the fitted box and axes">'
         f'<p class="kfit-answer">{escape(line[:1].upper() + line[1:])}.</p>'
         + (f'<ul class="kfit-notes">{notes}</ul>' if notes else "")
-        + _pair(told[-1].seen, result.drawing)
-        + _curve(told)
+        + _pair(steps[-1].observed, result.drawing)
+        + _curve(steps)
     )
 
 
-def _pair(seen: NDArray[np.float32], drawn: NDArray[np.float32]) -> str:
+def _pair(observed: NDArray[np.float32], drawn: NDArray[np.float32]) -> str:
     """Two small pictures (S, S, 3) in [0, 1]."""
-    both = (("seen", seen, "What is seen of the object"), ("drawn", drawn, "The drawing that is fitted to it"))
+    both = (("seen", observed, "What is seen of the object"), ("drawn", drawn, "The drawing that is fitted to it"))
     figures = "".join(
-        f'<figure><img src="{_address(np.round(picture.clip(0, 1) * 255).astype(np.uint8), "PNG")}" alt="{said}">'
+        f'<figure><img src="{_address(np.round(picture.clip(0, 1) * 255).astype(np.uint8), "PNG")}" alt="{caption}">'
         f"<figcaption>{name}</figcaption></figure>"
-        for name, picture, said in both
+        for name, picture, caption in both
     )
     return f'<div class="kfit-pair">{figures}</div>'
 
 
-def _curve(told: Sequence[Drawn]) -> str:
+def _curve(steps: Sequence[Drawn]) -> str:
     """How the least energy fell."""
-    if len(told) < 2:
+    if len(steps) < 2:
         return ""
-    energies = [drawn.energy for drawn in told]
+    energies = [drawn.energy for drawn in steps]
     low, span = min(energies), max(max(energies) - min(energies), 1e-9)
     points = " ".join(
-        f"{300 * drawn.step / told[-1].num_steps:.1f},{44 - 40 * (drawn.energy - low) / span:.1f}" for drawn in told
+        f"{300 * drawn.step / steps[-1].num_steps:.1f},{44 - 40 * (drawn.energy - low) / span:.1f}" for drawn in steps
     )
     return (
         '<figure class="kfit-curve"><svg viewBox="0 0 300 48" preserveAspectRatio="none" role="img" '

@@ -26,7 +26,7 @@ class Drawn:
         num_starts: how many starts are still on their way.
         energy: the least so far.
         drawing: (S, S, 3) in [0, 1], of the start that reached it.
-        seen: (S, S, 3), what it is to explain.
+        observed: (S, S, 3), what it is to explain.
     """
 
     step: int
@@ -34,7 +34,7 @@ class Drawn:
     num_starts: int
     energy: float
     drawing: NDArray[np.float32]
-    seen: NDArray[np.float32]
+    observed: NDArray[np.float32]
 
 
 class _Left(Exception):  # noqa: N818
@@ -46,15 +46,15 @@ class Watching(Callback):
 
     Args:
         generator: of the fit.
-        seen: (S, S, 3), what is fitted.
+        observed: (S, S, 3), what is fitted.
         tell: is handed each `Drawn`.
         left: once set, the fit breaks off at its next step.
     """
 
     def __init__(
-        self, generator: Generator, seen: NDArray[np.float32], tell: Callable[[Drawn], None], left: Event
+        self, generator: Generator, observed: NDArray[np.float32], tell: Callable[[Drawn], None], left: Event
     ) -> None:
-        self.generator, self.seen, self.tell, self.left = generator, seen, tell, left
+        self.generator, self.observed, self.tell, self.left = generator, observed, tell, left
 
     def on_step(self, state: FitState) -> FitState:
         if self.left.is_set():
@@ -67,7 +67,7 @@ class Watching(Callback):
                 ).image
             drawing = image[0].movedim(0, -1).float().clamp(0, 1).cpu().numpy()
             energy = float(state.best_energy[best])
-            self.tell(Drawn(state.step, state.num_steps, len(state.problem), energy, drawing, self.seen))
+            self.tell(Drawn(state.step, state.num_steps, len(state.problem), energy, drawing, self.observed))
         return state
 
 
@@ -84,25 +84,25 @@ def watched(model: CategoryModel, photo: Photo, mask: NDArray[np.float32] | None
     Raises:
         ValueError, FitError: as `kfit.pose.CategoryModel.pose`.
     """
-    told: SimpleQueue[Drawn | PoseResult | BaseException] = SimpleQueue()
+    events: SimpleQueue[Drawn | PoseResult | BaseException] = SimpleQueue()
     left = Event()
-    sighting = ObservedObject.of(photo, model.card.category, model.image_size, mask)
-    seen = sighting.observation.image[0].movedim(0, -1).numpy()
-    pipeline = model.pipeline(lens_known=sighting.lens_known)
-    watching = Watching(pipeline.generator, seen, told.put, left)
+    target = ObservedObject.of(photo, model.card.category, model.image_size, mask)
+    observed = target.observation.image[0].movedim(0, -1).numpy()
+    pipeline = model.pipeline(lens_known=target.lens_known)
+    watching = Watching(pipeline.generator, observed, events.put, left)
 
     def fit() -> None:
         try:
-            observation = model.read(sighting.observation)
-            told.put(model.answer(pipeline(observation, seed=0, callbacks=[watching]), sighting, observation))
+            observation = model.read(target.observation)
+            events.put(model.answer(pipeline(observation, seed=0, callbacks=[watching]), target, observation))
         except BaseException as error:  # whatever it is, it is told to those who wait
-            told.put(error)
+            events.put(error)
 
     thread = Thread(target=fit, daemon=True)
     thread.start()
     try:
         while True:
-            news = told.get()
+            news = events.get()
             if isinstance(news, BaseException):
                 raise news
             yield news

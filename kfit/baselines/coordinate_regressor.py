@@ -85,9 +85,9 @@ class CoordinateRegressor(nn.Module):
 
         The mean over the likeliest bin and its neighbours, weighed by their probabilities, so that bins leave no steps.
         """
-        said = self(image).softmax(2)
-        bins = torch.arange(self.num_bins, device=said.device)[:, None, None]
-        near = said * ((bins - said.argmax(2, keepdim=True)).abs() <= 1)
+        probability = self(image).softmax(2)
+        bins = torch.arange(self.num_bins, device=probability.device)[:, None, None]
+        near = probability * ((bins - probability.argmax(2, keepdim=True)).abs() <= 1)
         found: Tensor = torch.einsum("ncbhw,b->nchw", near, self.centres) / near.sum(2)
         return found
 

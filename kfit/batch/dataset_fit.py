@@ -131,8 +131,8 @@ class DatasetFit(LightningModule):
         answers: dict[tuple[str, int], PoseResult | str] = {}
         for category in sorted({image.objects[number].category for image, number in things}):
             group = [(image, number) for image, number in things if image.objects[number].category == category]
-            said = self._fit(category, group)
-            answers |= {(image.name, number): one for (image, number), one in zip(group, said, strict=True)}
+            found = self._fit(category, group)
+            answers |= {(image.name, number): one for (image, number), one in zip(group, found, strict=True)}
         for image in images:
             self._keep(data, image, [answers[image.name, number] for number in range(len(image.objects))])
         return sum(isinstance(answer, PoseResult) for answer in answers.values())
@@ -176,15 +176,15 @@ class DatasetFit(LightningModule):
 
     @property
     def _settings(self) -> dict[str, Any]:
-        said = {name: getattr(self, name) for name in ("num_starts", "num_steps", "depth", "seed")}
-        said["precision"] = str(self.trainer.precision)
-        return said | {f"model of {name}": _digest(self.files[name]) for name in sorted(self.models)}
+        settings = {name: getattr(self, name) for name in ("num_starts", "num_steps", "depth", "seed")}
+        settings["precision"] = str(self.trainer.precision)
+        return settings | {f"model of {name}": _digest(self.files[name]) for name in sorted(self.models)}
 
     def _fit(self, category: str, things: Sequence[tuple[ImageToFit, int]]) -> list[PoseResult | str]:
         """Answers for objects of one category, or sentences."""
         if category not in self.models:
             self.modelless[category] += len(things)
-        there = [(image.seen[number], image.objects[number].key) for image, number in things]
+        there = [(image.observed[number], image.objects[number].key) for image, number in things]
         answers: dict[int, PoseResult | str] = {n: one for n, (one, _) in enumerate(there) if isinstance(one, str)}
         for lens_known in (True, False):
             fine = {
@@ -193,22 +193,22 @@ class DatasetFit(LightningModule):
                 if isinstance(one, ObservedObject) and one.lens_known == lens_known
             }
             if fine:
-                seen, keys = zip(*fine.values(), strict=True)
-                answers |= zip(fine, self._answers(category, lens_known, seen, keys), strict=True)
+                observed, keys = zip(*fine.values(), strict=True)
+                answers |= zip(fine, self._answers(category, lens_known, observed, keys), strict=True)
         return [answers[n] for n in range(len(there))]
 
     def _answers(
-        self, category: str, lens_known: bool, seen: Sequence[ObservedObject], keys: tuple[int, ...]
+        self, category: str, lens_known: bool, observed: Sequence[ObservedObject], keys: tuple[int, ...]
     ) -> list[PoseResult | str]:
-        observation = replace(Observation.cat([one.observation for one in seen]), keys=keys)
+        observation = replace(Observation.cat([one.observation for one in observed]), keys=keys)
         observation = self.models[category].read(observation.map(lambda tensor: tensor.to(self.device)))
         with one_thread():  # so that results do not depend on how many processes share the cores
             try:
                 fit = self._pipeline(category, lens_known)(observation, seed=self.seed)
             except FitError as error:
-                return [str(error)] * len(seen)
+                return [str(error)] * len(observed)
             failed = "every start of the fit became NaN or infinite"
-            return [answer or failed for answer in self.models[category].answers(fit, seen, observation)]
+            return [answer or failed for answer in self.models[category].answers(fit, observed, observation)]
 
     def _pipeline(self, category: str, lens_known: bool) -> nn.Module:
         """The fit of objects of a category, built when first needed."""

@@ -49,7 +49,7 @@ class ImageToFit:
         intrinsics: (3, 3), where the data knows them.
         depth: (H, W) in metres, where it was measured.
         source: what the data wants to remember until the result is written.
-        seen: the objects cut out, or sentences why one cannot be; see `ObjectCropper`.
+        observed: the objects cut out, or sentences why one cannot be; see `ObjectCropper`.
     """
 
     name: str
@@ -58,7 +58,7 @@ class ImageToFit:
     intrinsics: NDArray[Any] | None = None
     depth: NDArray[Any] | None = None
     source: Any = None
-    seen: list[ObservedObject | str] = field(default_factory=list)
+    observed: list[ObservedObject | str] = field(default_factory=list)
 
 
 @dataclass
@@ -183,7 +183,7 @@ class _Images(Dataset[ImageToFit | Unreadable]):
     def __getitem__(self, index: int) -> ImageToFit | Unreadable:
         try:
             image = self.data.read(self.names[index])
-            return image if self.data.cropper is None else replace(image, seen=self.data.cropper(image))
+            return image if self.data.cropper is None else replace(image, observed=self.data.cropper(image))
         except (OSError, ValueError) as error:
             return Unreadable(self.names[index], str(error))
 

@@ -57,7 +57,7 @@ def run(args: Namespace) -> None:
         raise ValueError(f"--check: the card of {args.model} holds no calibration of {kind} fits")
     pipeline = model.pipeline(depth=args.depth)
     names: list[str] = []
-    told: list[dict[str, float]] = []
+    features: list[dict[str, float]] = []
     right: list[bool] = []
     energy: list[float] = []
     fitted = None
@@ -70,22 +70,22 @@ def run(args: Namespace) -> None:
             fitted = fitted or results[0]
             for answer in answers(model, views, results):
                 names.append(chosen.name)
-                told.append(answer.evidence)
+                features.append(answer.evidence)
                 right.append(answer.error_deg < RIGHT_DEG and not chosen.foreign)
                 energy += [] if chosen.foreign else [answer.energy]
             bar.advance(task, len(views.crops))
     if args.check and before is not None:
-        probabilities = [before.probability(one) for one in told]
+        probabilities = [before.probability(one) for one in features]
         print_reliability(reliability(probabilities, right), "the card's calibration")
         print_sets(by_set(names, probabilities, right))
         over = sum(one > before.energy_99 for one in energy) / len(energy)
         print(f"{100 * over:.0f} % of the category's views have an energy above the card's {before.energy_99:.3f}")
         return
-    if fitted is None or not told:
+    if fitted is None or not features:
         raise ValueError("no view could be fitted, so there is nothing to calibrate")
     weights = {name: float(weight) for name, weight in pipeline.weights.items() if weight}  # type: ignore[arg-type]
-    found = calibrate(told, right, energy, how_fitted(fitted, weights), args.seed)
-    found.measured["sets"] = by_set(names, cross_validated(told, right), right)
+    found = calibrate(features, right, energy, how_fitted(fitted, weights), args.seed)
+    found.measured["sets"] = by_set(names, cross_validated(features, right), right)
     model.card.calibration[kind] = found
     write_model(Path(args.model), model.networks, model.card)  # the weights that were measured, with their card
     print_reliability(found.measured, "by cross-validation")

@@ -123,10 +123,12 @@ def views_of(
         photos.append(view.image)
         masks.append(view.mask)
         on_view(number + 1)
-    seen = replace(Observation.cat(pieces), keys=tuple(range(len(pieces))))
+    observation = replace(Observation.cat(pieces), keys=tuple(range(len(pieces))))
     rotation = torch.stack([camera.rotation for camera in cameras])
     intrinsics = torch.stack([torch.from_numpy(camera.intrinsics) for camera in cameras])
-    return HeldOutViews(seen, rotation, torch.tensor(visible), torch.stack(places), crops, intrinsics, photos, masks)
+    return HeldOutViews(
+        observation, rotation, torch.tensor(visible), torch.stack(places), crops, intrinsics, photos, masks
+    )
 
 
 def handle_share(view: View, extents: NDArray[np.float32]) -> float:
@@ -160,16 +162,16 @@ def rotation_errors(
     """
     pipeline = pipeline or model.pipeline()
     errors, results = [], []
-    seen, symmetry = views.observation, model.card.known.symmetry
-    for first in range(0, seen.num_problems, batch_size):
+    observation, symmetry = views.observation, model.card.known.symmetry
+    for first in range(0, observation.num_problems, batch_size):
         rows = slice(first, first + batch_size)
-        result = pipeline(seen[rows], seed=0)
+        result = pipeline(observation[rows], seed=0)
         angles = (result.values[name].double() for name in ("azimuth", "elevation", "roll"))
         found = rotation_from_angles(*angles)
         full, by_axis = (rotation_error(found, views.rotation[rows], how) for how in (symmetry, "y"))
         errors.append(torch.where(views.visible[rows], full, by_axis).rad2deg())
         results.append(result)
-        on_batch(min(first + batch_size, seen.num_problems))
+        on_batch(min(first + batch_size, observation.num_problems))
     return torch.cat(errors), results
 
 
@@ -187,8 +189,8 @@ def answer_to(model: CategoryModel, views: HeldOutViews, results: list[FitResult
     """What `CategoryModel.pose` would have answered to one view that `rotation_errors` fitted without failing."""
     fit = [one for result in results for one in result][number]
     where = (views.photos[number], views.masks[number], views.crops[number], views.intrinsics[number])
-    seen = views.observation[number]
-    return model.answer(fit, ObservedObject(seen, *where, "given", ()), seen)
+    observation = views.observation[number]
+    return model.answer(fit, ObservedObject(observation, *where, "given", ()), observation)
 
 
 class Answer(NamedTuple):
@@ -215,21 +217,23 @@ def answers(model: CategoryModel, views: HeldOutViews, results: list[FitResult])
         head = None if log_probabilities is None else log_probabilities[number]
         hypotheses = hypotheses_of(fit, upright, model.card, model.pose_head, head)
         error = rotation_error(fitted_rotations(fit.values)[0], views.rotation[number], model.card.known.symmetry)
-        yield Answer(evidence(hypotheses.alternatives, hypotheses.seen), float(error.rad2deg()), float(fit.energy[0]))
+        yield Answer(
+            evidence(hypotheses.alternatives, hypotheses.head_share), float(error.rad2deg()), float(fit.energy[0])
+        )
 
 
 def called_ambiguous(model: CategoryModel, views: HeldOutViews, results: list[FitResult]) -> Tensor:
     """Whether each view's answer is said to be ambiguous, (N,): what `rotation_errors` found, judged as `pose` does."""
-    said: list[bool] = []
+    ambiguous: list[bool] = []
     upright, log_probabilities = torch.eye(3).double(), model.pose_log_probabilities(views.observation)
     for fit in (one for result in results for one in result):
-        head = None if log_probabilities is None else log_probabilities[len(said)]
+        head = None if log_probabilities is None else log_probabilities[len(ambiguous)]
         # Where no start was left, nothing is sure.
-        said.append(
+        ambiguous.append(
             not len(fit.all_energy)
             or hypotheses_of(fit, upright, model.card, model.pose_head, head).ambiguity is not None
         )
-    return torch.tensor(said)
+    return torch.tensor(ambiguous)
 
 
 def _unblended(view: View) -> NDArray[np.float32]:

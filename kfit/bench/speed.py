@@ -169,14 +169,14 @@ def fit(
     from kfit.geometry.pose import rotation_of
     from kfit.runtime.devices import precision
 
-    seen = views.observation[number].map(lambda tensor: tensor.to(device))
+    observation = views.observation[number].map(lambda tensor: tensor.to(device))
     with precision(way.precision, device):
-        result, cost = timed(way.pipeline, seen, seed)
+        result, cost = timed(way.pipeline, observation, seed)
     symmetry = way.model.card.known.symmetry if views.visible[number] else "y"
     turned = rotation_of({name: value.double().cpu() for name, value in result.values.items()})
     away = rotation_error(turned, views.rotation[number : number + 1], symmetry)
     energies = {
-        f"energy: {other.name}": float(energy_at(other.pipeline, seen, result))
+        f"energy: {other.name}": float(energy_at(other.pipeline, observation, result))
         for other in ways
         if other.objective and other.model is way.model
     }
@@ -204,10 +204,10 @@ def _before(out: str | None, asked: dict[str, Any]) -> dict[str, Any]:
     path = Path(out or "") / FILE
     if out is None or not path.is_file():
         return {DONE: {}}
-    told = json.loads(path.read_text(encoding="utf-8"))
-    if told["asked"] != json.loads(json.dumps(asked)):
+    saved = json.loads(path.read_text(encoding="utf-8"))
+    if saved["asked"] != json.loads(json.dumps(asked)):
         raise ValueError(f"{path} was measured with other settings; say another --out, or delete it")
-    kept: dict[str, Any] = told["found"]
+    kept: dict[str, Any] = saved["found"]
     return kept
 
 

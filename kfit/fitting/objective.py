@@ -153,8 +153,8 @@ class Objective:
         overlap = missing = None
         if joint is not None:
             # One number a row for all of its views.
-            seen = None if observed is None else observed.unflatten(0, (-1, views))
-            overlap = overlap_of(joint.unflatten(0, (-1, views)), seen)
+            counted = None if observed is None else observed.unflatten(0, (-1, views))
+            overlap = overlap_of(joint.unflatten(0, (-1, views)), counted)
             compared = [abs(self.weights[name]) for name, term in prepared.terms.items() if isinstance(term, Energy)]
             missing = sum(compared) ** 0.5 * shortfall(overlap, self.min_overlap)
             residuals.append(missing[:, None])

@@ -214,11 +214,11 @@ class FitPipeline(nn.Module):
         for step in range(self.num_steps + 1):
             objective = self._objective(prepared, step)
             if step < self.num_steps:
-                new, seen, memory = self.optimizer.step(objective, state.raw, state.problem, state.optimizer)
+                new, evaluation, memory = self.optimizer.step(objective, state.raw, state.problem, state.optimizer)
                 check_memory(self.optimizer, memory, len(state.problem))
             else:  # the last iterate is only looked at
-                new, seen, memory = state.raw, objective(state.raw, state.problem), state.optimizer
-            state = advanced(state, step, new, seen, memory)
+                new, evaluation, memory = state.raw, objective(state.raw, state.problem), state.optimizer
+            state = advanced(state, step, new, evaluation, memory)
             recorder.record(state)
             state = recorder.drop(state)
             for callback in callbacks:

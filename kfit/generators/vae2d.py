@@ -53,13 +53,13 @@ class VAE2D(Generator):
 
     def forward(self, **values: Tensor) -> Rendering:
         angles = torch.stack([values["azimuth"], values["elevation"]], 1)
-        told = torch.cat([values["code"], angles.sin(), angles.cos()], 1)
-        styles = [layer.style(told) for layer in self.styles]  # type: ignore[operator]
-        picture = self.constant.expand(told.shape[0], *self.constant.shape[1:])
+        inputs = torch.cat([values["code"], angles.sin(), angles.cos()], 1)
+        styles = [layer.style(inputs) for layer in self.styles]  # type: ignore[operator]
+        picture = self.constant.expand(inputs.shape[0], *self.constant.shape[1:])
         picture = F.leaky_relu(self.styles[0](picture, styles[0]), 0.2)
         for index, decode in enumerate(self.decode, 1):
             picture = F.leaky_relu(self.styles[index](decode(picture), styles[index]), 0.2)
         channels = self.draw(picture)
         channels = channels.to(torch.promote_types(channels.dtype, torch.float32))
-        seen = torch.sigmoid(channels[:, :4])
-        return Rendering(seen[:, :3], seen[:, 3:], channels[:, 4:] if self.draws_depth else None)
+        drawn = torch.sigmoid(channels[:, :4])
+        return Rendering(drawn[:, :3], drawn[:, 3:], channels[:, 4:] if self.draws_depth else None)

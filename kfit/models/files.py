@@ -155,26 +155,26 @@ def read_checkpoint(path: Path, names: Sequence[str] = NETWORKS) -> tuple[dict[s
         saved = read_torch(path)
         if isinstance(saved, dict) and "netG" in saved:
             raise ValueError("it is a released one of neural_object_fitting, which `kfit pack --category` takes")
-        said, numbers = dict(saved["hyper_parameters"]), dict(saved["state_dict"])
+        settings, numbers = dict(saved["hyper_parameters"]), dict(saved["state_dict"])
         saved["datamodule_hyper_parameters"]["category"]
     except (ValueError, TypeError, KeyError, IndexError) as error:
         raise ValueError(f"{path} is no checkpoint by `lightning fit`: {error}") from None
-    return {name: _filled(said.get(name), name, numbers, path) for name in names}, saved
+    return {name: _filled(settings.get(name), name, numbers, path) for name in names}, saved
 
 
-def _filled(said: Any, name: str, numbers: Mapping[Any, Any], path: Path) -> nn.Module:
+def _filled(settings: Any, name: str, numbers: Mapping[Any, Any], path: Path) -> nn.Module:
     """The network that a file names, with the file's numbers, in evaluation mode.
 
     Only those of kfit's classes are built that a file may name, and somebody's own in modules that the caller has
     imported already, so that a file cannot have code imported or a function called. They are built no larger than the
     file's numbers can fill.
     """
-    if not (isinstance(said, dict) and isinstance(said.get("class_path"), str)):
+    if not (isinstance(settings, dict) and isinstance(settings.get("class_path"), str)):
         raise ValueError(f"{path} names no class for the {name}")
-    named = repr(said["class_path"][:100])
+    named = repr(settings["class_path"][:100])
     own = {key.removeprefix(f"{name}."): t for key, t in numbers.items() if str(key).startswith(f"{name}.")}
-    said = current_paths(said)
-    kind = _kind(said["class_path"])
+    settings = current_paths(settings)
+    kind = _kind(settings["class_path"])
     if not (isinstance(kind, type) and issubclass(kind, ROLES[name])):
         raise ValueError(
             f"{path} names {named} as {name}: no network of kfit, nor of a module imported before, that could be one"
@@ -185,8 +185,8 @@ def _filled(said: Any, name: str, numbers: Mapping[Any, Any], path: Path) -> nn.
         # What a constructor draws is replaced by the file's numbers; the caller's random numbers stay as they are.
         with torch.random.fork_rng([]), _Limited(ROOM + 4 * sum(tensor.numel() for tensor in own.values())):
             if kind.__module__.startswith("kfit."):
-                check_arguments(said.get("init_args", {}))
-            network: nn.Module = kind(**said.get("init_args", {}))
+                check_arguments(settings.get("init_args", {}))
+            network: nn.Module = kind(**settings.get("init_args", {}))
             if kind.__module__.startswith("kfit."):
                 check_drawing(network)
     except Exception as error:  # somebody's own class may raise anything

@@ -58,7 +58,7 @@ class CMAES(Optimizer):
     def step(
         self, evaluate: Evaluate, raw: Variables, problem: Tensor, memory: Any
     ) -> tuple[Variables, Evaluation, Any]:
-        seen = evaluate(raw, problem)
+        evaluation = evaluate(raw, problem)
         mean = flatten(raw)
         rows, dim = mean.shape
         population = self.population or 4 + math.floor(3 * math.log(dim))
@@ -76,7 +76,7 @@ class CMAES(Optimizer):
         best = energy.argsort(dim=1, stable=True)[:, : population // 2]
         chosen = steps.gather(1, best[..., None].expand(-1, -1, dim))
         step, memory = self._adapted(chosen, (deviations, axes), population, memory)
-        return evaluate.retract(raw, unflatten(step, raw)), seen, memory
+        return evaluate.retract(raw, unflatten(step, raw)), evaluation, memory
 
     @staticmethod
     def _adapted(chosen: Tensor, roots: tuple[Tensor, Tensor], population: int, memory: Any) -> tuple[Tensor, Any]:

@@ -45,11 +45,11 @@ class LBFGS(Optimizer):
     def step(
         self, evaluate: Evaluate, raw: Variables, problem: Tensor, memory: Any
     ) -> tuple[Variables, Evaluation, Any]:
-        seen = evaluate(raw, problem, need="gradient")
-        gradient = flatten(seen.gradient)
+        evaluation = evaluate(raw, problem, need="gradient")
+        gradient = flatten(evaluation.gradient)
         moves, bends = self._remembered(memory["move"], gradient - memory["gradient"], memory)
         direction = self._direction(gradient, moves, bends)
-        move, failed = self._search(evaluate, raw, problem, seen.energy, gradient, direction)
+        move, failed = self._search(evaluate, raw, problem, evaluation.energy, gradient, direction)
         forgets = failed[:, None, None]
         new = {
             "move": move,
@@ -57,7 +57,7 @@ class LBFGS(Optimizer):
             "moves": moves.masked_fill(forgets, 0.0),
             "bends": bends.masked_fill(forgets, 0.0),
         }
-        return evaluate.retract(raw, unflatten(move, raw)), seen, new
+        return evaluate.retract(raw, unflatten(move, raw)), evaluation, new
 
     @staticmethod
     def _remembered(move: Tensor, bend: Tensor, memory: Any) -> tuple[Tensor, Tensor]:

@@ -18,22 +18,26 @@ BINS = (0.0, 0.5, 0.7, 0.8, 0.9, 0.95, 1.0)
 
 
 def calibrate(
-    told: Sequence[dict[str, float]], right: Sequence[bool], energy: Sequence[float], fits: dict[str, Any], seed: int
+    features: Sequence[dict[str, float]],
+    right: Sequence[bool],
+    energy: Sequence[float],
+    fits: dict[str, Any],
+    seed: int,
 ) -> Calibration:
     """A calibration from N answers of held-out views, with what a cross-validation on them gives.
 
     Args:
-        told: what `kfit.pose.confidence.evidence` tells of each.
+        features: what `kfit.pose.confidence.evidence` tells of each.
         right: whether each is.
         energy: of each.
         fits: how they were fitted, as `kfit.pose.confidence.how_fitted` tells.
         seed: of the views.
     """
-    found = {"seed": seed, **reliability(cross_validated(told, right), right)}
-    return Calibration(*calibrated(told, right), float(np.quantile(energy, 0.99)), fits, len(told), found)
+    found = {"seed": seed, **reliability(cross_validated(features, right), right)}
+    return Calibration(*calibrated(features, right), float(np.quantile(energy, 0.99)), fits, len(features), found)
 
 
-def calibrated(told: Sequence[dict[str, float]], right: Sequence[bool]) -> tuple[float, dict[str, float]]:
+def calibrated(features: Sequence[dict[str, float]], right: Sequence[bool]) -> tuple[float, dict[str, float]]:
     """Bias and coefficients of a logistic model of N answers, in the penalised maximum of their likelihood.
 
     The penalty is ½ Σ_k (c_k s_k)², s the standard deviations, and no c_k is below 0: what speaks for an answer must
@@ -42,16 +46,16 @@ def calibrated(told: Sequence[dict[str, float]], right: Sequence[bool]) -> tuple
     1999).
 
     Args:
-        told: what `evidence` tells of each, all of the same names.
+        features: what `evidence` tells of each, all of the same names.
         right: whether each is right.
 
     Raises:
         ValueError: for no answers, or numbers that differ.
     """
-    if not told or len(told) != len(right):
-        raise ValueError(f"told and right must be of one length above 0, got {len(told)} and {len(right)}")
-    names = list(told[0])
-    rows = np.array([[one[name] for name in names] for one in told], float)
+    if not features or len(features) != len(right):
+        raise ValueError(f"features and right must be of one length above 0, got {len(features)} and {len(right)}")
+    names = list(features[0])
+    rows = np.array([[one[name] for name in names] for one in features], float)
     mean, std = rows.mean(0), rows.std(0)
     rows = (rows - mean) / np.where(std > 1e-9, std, 1.0)
     yes = np.asarray(right, bool)
@@ -69,27 +73,27 @@ def calibrated(told: Sequence[dict[str, float]], right: Sequence[bool]) -> tuple
     return float(found[0] - per_unit @ mean), dict(zip(names, per_unit.tolist(), strict=True))
 
 
-def cross_validated(told: Sequence[dict[str, float]], right: Sequence[bool]) -> list[float]:
+def cross_validated(features: Sequence[dict[str, float]], right: Sequence[bool]) -> list[float]:
     """Probabilities that N ≥ 2 answers are right, each by a model of the answers of the 9 other folds."""
-    said = [0.0] * len(told)
-    for first in range(min(FOLDS, len(told))):
-        rest = [k for k in range(len(told)) if k % FOLDS != first]
-        model = Calibration(*calibrated([told[k] for k in rest], [right[k] for k in rest]), math.inf, {}, len(rest))
-        for k in range(first, len(told), FOLDS):
-            said[k] = model.probability(told[k])
-    return said
+    confidences = [0.0] * len(features)
+    for first in range(min(FOLDS, len(features))):
+        rest = [k for k in range(len(features)) if k % FOLDS != first]
+        model = Calibration(*calibrated([features[k] for k in rest], [right[k] for k in rest]), math.inf, {}, len(rest))
+        for k in range(first, len(features), FOLDS):
+            confidences[k] = model.probability(features[k])
+    return confidences
 
 
-def reliability(said: Sequence[float], right: Sequence[bool]) -> dict[str, Any]:
+def reliability(confidences: Sequence[float], right: Sequence[bool]) -> dict[str, Any]:
     """How well N probabilities say what is right.
 
     Returns:
         ``right``: the share that is; ``brier``: mean (p − right)², and ``brier of the share``: the same of the share
         said of all; ``calibration error``: Σ_b N_b / N · |mean p − share right| over bins b (Guo et al., On
         calibration of modern neural networks, 2017); ``bins``: of each that is not empty ``from``, ``to``, ``number``,
-        ``said`` and ``right``.
+        ``confidences`` and ``right``.
     """
-    p, yes = np.asarray(said, float), np.asarray(right, float)
+    p, yes = np.asarray(confidences, float), np.asarray(right, float)
     place = np.clip(np.searchsorted(BINS, p, side="right") - 1, 0, len(BINS) - 2)
     bins = [
         {

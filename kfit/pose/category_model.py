@@ -175,15 +175,15 @@ class CategoryModel:
         Raises:
             FileNotFoundError, ValueError: for inputs that cannot be used, in one sentence.
         """
-        seen, observation = observe(
+        observed, observation = observe(
             image, self.card.category, self.image_size, mask, box, intrinsics, depth, relative_poses, segmenter
         )
         if pipeline is None and observation.views > 1:
             start = triangulated_diagonal(observation, self.card.unit_fraction, self.card.mean_diagonal)
             pipeline = self.pipeline(views=start)
-        fit = pipeline or self.pipeline(depth=depth is not None, lens_known=seen.lens_known)
+        fit = pipeline or self.pipeline(depth=depth is not None, lens_known=observed.lens_known)
         observation = self.read(observation.map(lambda tensor: tensor.to(fit.device)))
-        return self.answer(fit(observation, seed=seed, callbacks=callbacks), seen, observation)
+        return self.answer(fit(observation, seed=seed, callbacks=callbacks), observed, observation)
 
     @property
     def image_size(self) -> int:
@@ -208,15 +208,15 @@ class CategoryModel:
             return None
         return with_prediction(observation, self.pose_head).predictions[self.pose_head.prediction_name].cpu()
 
-    def answer(self, fit: FitResult, seen: ObservedObject, observation: Observation) -> PoseResult:
+    def answer(self, fit: FitResult, observed: ObservedObject, observation: Observation) -> PoseResult:
         """What a fit of one problem says of the object that was seen; arguments as those of `answers`."""
-        if (answer := self.answers(fit, [seen], observation)[0]) is None:
+        if (answer := self.answers(fit, [observed], observation)[0]) is None:
             raise FitError("every start of the fit became NaN or infinite")
         return answer
 
     @safe_after_fork()
     def answers(
-        self, fit: FitResult, seen: Sequence[ObservedObject], observation: Observation
+        self, fit: FitResult, observed: Sequence[ObservedObject], observation: Observation
     ) -> list[PoseResult | None]:
         """What a fit says of the objects that were seen, one problem each; None where every start failed.
 
@@ -228,24 +228,24 @@ class CategoryModel:
         with torch.no_grad():
             extents = self.extents(fit.values["code"].to(self.device)).double().cpu()
         drawn = self.draw(fit.values).image.movedim(1, -1)
-        said = self.pose_log_probabilities(observation)
-        looks = [None] * len(seen) if said is None else list(said)
+        log_probabilities = self.pose_log_probabilities(observation)
+        by_head = [None] * len(observed) if log_probabilities is None else list(log_probabilities)
         fit = fit.to("cpu")
         return [
-            self._interpreted(fit[n], one, extents[n], drawn[n], looks[n]) if fit.start[n] >= 0 else None
-            for n, one in enumerate(seen)
+            self._interpreted(fit[n], one, extents[n], drawn[n], by_head[n]) if fit.start[n] >= 0 else None
+            for n, one in enumerate(observed)
         ]
 
     def _interpreted(
-        self, fit: FitResult, seen: ObservedObject, extents: Tensor, drawing: Tensor, log_probabilities: Tensor | None
+        self, fit: FitResult, observed: ObservedObject, extents: Tensor, drawing: Tensor, by_head: Tensor | None
     ) -> PoseResult:
-        rotation, translation, diagonal = placement(fit.values, seen.crop, seen.intrinsics, self.card)
+        rotation, translation, diagonal = placement(fit.values, observed.crop, observed.intrinsics, self.card)
         # From the crop's virtual camera to the photo's: the same turn for every start, up to their shifts.
         turn = rotation[0] @ to_opencv(fitted_rotations(fit.values))[0].mT
-        hypotheses = hypotheses_of(fit, turn, self.card, self.pose_head, log_probabilities)
+        hypotheses = hypotheses_of(fit, turn, self.card, self.pose_head, by_head)
         placed = (rotation[0], translation[0], extents * diagonal)
         generator, surface = self.generator, None
         if isinstance(generator, RadianceField):
             surface = partial(generator.surface, fit.values["code"][0].to(self.device))
-        covariance = partial(pose_covariance, fit, seen, self.card, self.draw)
-        return interpret(self.card.category, fit, seen, placed, hypotheses, drawing, self.draw, covariance, surface)
+        covariance = partial(pose_covariance, fit, observed, self.card, self.draw)
+        return interpret(self.card.category, fit, observed, placed, hypotheses, drawing, self.draw, covariance, surface)

@@ -35,14 +35,14 @@ class PoseHypotheses(NamedTuple):
         ambiguity: a sentence where the answer is ambiguous.
         confidence: in [0, 1], see `kfit.pose.confidence.confidence`.
         warning: a sentence where that is not calibrated, or the energy is unusually high.
-        seen: the share of probability that a pose head gives the answer, if there is one.
+        head_share: the share of probability that a pose head gives the answer, if there is one.
     """
 
     alternatives: list[Alternative]
     ambiguity: str | None
     confidence: float
     warning: str | None
-    seen: float | None
+    head_share: float | None
 
 
 def hypotheses_of(
@@ -59,12 +59,12 @@ def hypotheses_of(
     """
     symmetry, known = card.known.symmetry, card.calibration
     found = alternatives(fit, turn, symmetry)
-    seen = None
+    head_share = None
     if head is not None and log_probability is not None:
-        seen = head_probability(fit, log_probability, head, symmetry)
+        head_share = head_probability(fit, log_probability, head, symmetry)
     calibration = known.get("RGB-D" if "distance" in fit.values else "RGB")
-    sure, warning = confidence(calibration, fit, found, seen, known.get("RGB"))
-    return PoseHypotheses(found, ambiguity_warning(found, seen, symmetry), sure, warning, seen)
+    confident, warning = confidence(calibration, fit, found, head_share, known.get("RGB"))
+    return PoseHypotheses(found, ambiguity_warning(found, head_share, symmetry), confident, warning, head_share)
 
 
 def alternatives(fit: FitResult, turn: Tensor, symmetry: Symmetry) -> list[Alternative]:
@@ -106,7 +106,7 @@ def head_probability(fit: FitResult, log_probability: Tensor, head: PoseNetwork,
     return float(log_probability.double().exp()[near].sum())
 
 
-def ambiguity_warning(found: list[Alternative], seen: float | None, symmetry: Symmetry) -> str | None:
+def ambiguity_warning(found: list[Alternative], head_share: float | None, symmetry: Symmetry) -> str | None:
     """A sentence where the answer is ambiguous, None where it is not.
 
     It is where the answer has less than 0.8 of the starts' weight, or of the pose head's probability less than 0.75
@@ -115,7 +115,7 @@ def ambiguity_warning(found: list[Alternative], seen: float | None, symmetry: Sy
 
     Args:
         found: the answer first.
-        seen: the share of probability that a pose head gives the answer, if there is one.
+        head_share: the share of probability that a pose head gives the answer, if there is one.
         symmetry: of the object.
     """
     if len(found) > 1 and found[0].weight < MIN_START_WEIGHT:
@@ -125,8 +125,11 @@ def ambiguity_warning(found: list[Alternative], seen: float | None, symmetry: Sy
             f"ambiguous: the answer has {100 * found[0].weight:.0f} % of the starts' weight, and a pose {away:.0f}° "
             f"away explains the picture nearly as well ({100 * found[1].weight:.0f} %)"
         )
-    if seen is not None and seen < MIN_HEAD_PROBABILITY:
-        return f"ambiguous: by its looks alone the picture fits this pose with a probability of only {100 * seen:.0f} %"
+    if head_share is not None and head_share < MIN_HEAD_PROBABILITY:
+        return (
+            "ambiguous: by its looks alone the picture fits this pose with a probability of only "
+            f"{100 * head_share:.0f} %"
+        )
     return None
 
 

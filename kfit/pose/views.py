@@ -54,8 +54,8 @@ def observe(
     if relative_poses is not None:
         raise ValueError("relative_poses were given for one photo; they belong to a list of photos")
     photo: Any = image
-    seen = ObservedObject.of(photo, category, size, mask, box, intrinsics, depth, segmenter)
-    return seen, seen.observation
+    observed = ObservedObject.of(photo, category, size, mask, box, intrinsics, depth, segmenter)
+    return observed, observed.observation
 
 
 def observed_views(

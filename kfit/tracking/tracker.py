@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import torch
@@ -33,6 +33,7 @@ from kfit.tracking.fixed_rendering import FixedRendering
 from kfit.tracking.track_quality import GOOD_OVERLAP, TrackQuality
 from kfit.tracking.tracked_pose import TrackedPose
 
+Mask: TypeAlias = NDArray[np.float32]
 # Of differences in roll, shift and scale, in raw units: two degrees and two thirds of a pixel.
 LENGTHS = {"roll": 0.012, "shift": 0.02, "scale": 0.02}
 STEPS = 3
@@ -65,7 +66,7 @@ class Tracker:
         if model.pose_head is None:
             raise ValueError(f"track: the model of {model.card.category} has no pose head, which following rests on")
         self.model, self.seed, self.num_drawn = model, seed, 0
-        self.reads, self.says = PosePosterior(model.pose_head), PosePrior(model.pose_head)
+        self.posterior, self.prior = PosePosterior(model.pose_head), PosePrior(model.pose_head)
         self.energies = default_energies()
         rotation, energy = torch.from_numpy(first.rotation), first.energy
         self._start(first, TrackQuality(model.card.known.symmetry, rotation, energy, energy))
@@ -81,7 +82,7 @@ class Tracker:
         self.bound = frozen(self.model.generator).bind(code=self.code[0])
         self.rank = FitPipeline(
             SimilarityWarp(self.bound),
-            {**{name: energy for name, (energy, _) in self.energies.items()}, "pose": self.says},
+            {**{name: energy for name, (energy, _) in self.energies.items()}, "pose": self.prior},
             [Constant({name: value[0].tolist() for name, value in self.values.items()})],
             GaussNewton(dict.fromkeys(self.values, 0.01)),
             weights={
@@ -92,7 +93,8 @@ class Tracker:
             num_steps=0,
         )
         self.quality = quality
-        self.last = self._told(first.energy, first.confidence, first.mask, first.observation, self._drawn(), anew=True)
+        drawn = self._drawn()
+        self.last = self._answer(first.energy, first.confidence, first.mask, first.observation, drawn, anew=True)
 
     def __call__(self, frame: str | Path | Photo | NDArray[Any], mask: NDArray[Any] | None = None) -> TrackedPose:
         """Find the object in the next frame.
@@ -130,46 +132,49 @@ class Tracker:
             self.crop.centre[1] - before.centre[1],
             self.crop.side / before.side,
         )
-        seen = self.model.read(self.crop.cut(pixels, found))
-        energy, confidence = self._pose(seen)
-        drawn = self._placed(seen)
+        observation = self.model.read(self.crop.cut(pixels, found))
+        energy, confidence = self._pose(observation)
+        drawn = self._placed(observation)
         for name in self.motion:
             self.motion[name] = MOMENTUM * (self.motion[name] + _wrapped(self.values[name] - values[name]))
-        self.last = self._told(energy, confidence, found, seen, drawn, anew=False)
+        self.last = self._answer(energy, confidence, found, observation, drawn, anew=False)
         self.quality.learn(energy)
         return self._anew(pixels) if mask is None and self.last.lost else self.last
 
-    def _pose(self, seen: Observation) -> tuple[float, float]:
+    def _pose(self, observation: Observation) -> tuple[float, float]:
         """Choose azimuth and elevation; the least energy, and the confidence."""
         moved = self.values | {name: self.values[name] + self.motion[name] for name in self.motion}
-        told = self.values | self._read(seen)
-        best = self.rank(seen, seed=0, starts={name: torch.cat([moved[name], told[name]]) for name in moved})
+        predicted = self.values | self._read(observation)
+        starts = {name: torch.cat([moved[name], predicted[name]]) for name in moved}
+        best = self.rank(observation, seed=0, starts=starts)
         self.num_drawn += 3  # the two, and the winner once more
         self.values = dict(best.values)
-        return float(best.energy[0]), self._confidence(best, seen)
+        return float(best.energy[0]), self._confidence(best, observation)
 
-    def _confidence(self, ranked: FitResult, seen: Observation) -> float:
+    def _confidence(self, ranked: FitResult, observation: Observation) -> float:
         """What the model's calibration makes of the two poses that were compared and of the pose head's probability."""
         symmetry, head = self.model.card.known.symmetry, self.model.pose_head
-        looks = self.model.pose_log_probabilities(seen)
+        log_probability = self.model.pose_log_probabilities(observation)
         found = alternatives(ranked, torch.eye(3).double(), symmetry)
-        near = None if head is None or looks is None else head_probability(ranked, looks[0], head, symmetry)
-        calibration, told = self.model.card.calibration.get("RGB"), evidence(found, near)
-        if calibration is None or not set(calibration.coefficients) <= set(told):
+        near = None
+        if head is not None and log_probability is not None:
+            near = head_probability(ranked, log_probability[0], head, symmetry)
+        calibration, features = self.model.card.calibration.get("RGB"), evidence(found, near)
+        if calibration is None or not set(calibration.coefficients) <= set(features):
             return found[0].weight
-        sure = calibration.probability(told)
-        return min(sure, DOUBTFUL) if found[0].energy > calibration.energy_99 else sure
+        confidence = calibration.probability(features)
+        return min(confidence, DOUBTFUL) if found[0].energy > calibration.energy_99 else confidence
 
-    def _read(self, seen: Observation) -> Variables:
+    def _read(self, observation: Observation) -> Variables:
         """The likeliest rotation by the pose head; roll is left out where the head does not predict it."""
-        start = self.reads({}, seen, 1, [])
+        start = self.posterior({}, observation, 1, [])
         return {
             name: value.to(self.values[name])
             for name, value in start.items()
-            if name != "roll" or self.reads.head.predicts_roll
+            if name != "roll" or self.posterior.head.predicts_roll
         }
 
-    def _placed(self, seen: Observation) -> Rendering:
+    def _placed(self, observation: Observation) -> Rendering:
         """Fit roll, shift and scale of the one drawing, and what it is then."""
         drawn = self._drawn()
         # Features are too rough for so long differences: with EfficientNet's, Gauss-Newton hardly moves.
@@ -181,32 +186,26 @@ class Tracker:
             num_starts=1,
             num_steps=STEPS,
         )
-        self.values = self.values | place(seen, seed=0).values
+        self.values = self.values | place(observation, seed=0).values
         return drawn
 
     def _drawn(self) -> Rendering:
-        seen = {name: self.values[name] for name in ("azimuth", "elevation")}
+        fixed = {name: self.values[name] for name in ("azimuth", "elevation")}
         if "focal" in self.values:
-            seen["focal"] = self.values["focal"] / self.values["scale"]
+            fixed["focal"] = self.values["focal"] / self.values["scale"]
         with torch.no_grad():
-            return self.bound(**seen)
+            return self.bound(**fixed)
 
-    def _told(
-        self,
-        energy: float,
-        confidence: float,
-        mask: NDArray[np.float32],
-        seen: Observation,
-        drawn: Rendering,
-        anew: bool,
+    def _answer(
+        self, energy: float, confidence: float, mask: Mask, observation: Observation, drawn: Rendering, anew: bool
     ) -> TrackedPose:
         """The answer, and what the next frame begins with."""
         own = {name: self.values[name] for name in LENGTHS}
         with torch.no_grad():
             picture = warp(drawn, **own)
             self.silhouette = picture.field("mask")[0, 0]
-            away = self.silhouette.minimum(seen.field("mask")[0, 0]).sum()
-            overlap = away / self.silhouette.maximum(seen.field("mask")[0, 0]).sum()
+            away = self.silhouette.minimum(observation.field("mask")[0, 0]).sum()
+            overlap = away / self.silhouette.maximum(observation.field("mask")[0, 0]).sum()
             rotation, translation, _ = placement(self.values, self.crop, self.camera, self.model.card)
         lost, confidence = self.quality.assess(energy, float(overlap), rotation[0], confidence)
         return TrackedPose(
@@ -225,7 +224,7 @@ class Tracker:
             self.silhouette.numpy(),
         )
 
-    def _nearby(self, pixels: NDArray[np.float32]) -> NDArray[np.float32] | None:
+    def _nearby(self, pixels: NDArray[np.float32]) -> Mask | None:
         """The mask about where the silhouette should be, had the object moved as it did last."""
         (x, y), (right, down, larger) = self.crop.centre, self.drift
         self.crop = replace(self.crop, centre=(x + right, y + down), side=self.crop.side * larger)

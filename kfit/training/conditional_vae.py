@@ -122,11 +122,11 @@ class ConditionalVAE(Training):
         return drawn
 
     def training_step(self, batch: dict[str, Tensor], batch_idx: int) -> Tensor:
-        seen = batch["source"]
+        observed = batch["source"]
         if self.photometric is not None:
-            seen = self.photometric(seen, batch["source_mask"])
-        seen = seen if self.similarity is None else self.similarity(seen)
-        mean, log_variance = self.encoder(seen)
+            observed = self.photometric(observed, batch["source_mask"])
+        observed = observed if self.similarity is None else self.similarity(observed)
+        mean, log_variance = self.encoder(observed)
         code = mean + (0.5 * log_variance).exp() * torch.randn_like(mean)
         batch, thinned = self._thin(batch)
         pose = {"azimuth": batch["azimuth"], "elevation": batch["elevation"]} | view_lens(self.generator, batch)
@@ -171,9 +171,9 @@ class ConditionalVAE(Training):
             if lens:
                 focal = image.shape[-1] * lens["focal"][::FIT_EVERY]
                 cameras = torch.diag_embed(torch.stack([focal, focal, torch.ones_like(focal)], 1))
-            seen = Observation(image, None if drawn.mask is None else mask, intrinsics=cameras)
+            observed = Observation(image, None if drawn.mask is None else mask, intrinsics=cameras)
             truth = rotation_of({"azimuth": azimuth, "elevation": elevation})
-            self.record_rotations(fitted_rotations(self.generator, self.encoder, seen), truth, self.symmetry)
+            self.record_rotations(fitted_rotations(self.generator, self.encoder, observed), truth, self.symmetry)
 
     def _thin(self, batch: dict[str, Tensor]) -> tuple[dict[str, Tensor], dict[str, Tensor]]:
         """The batch with its targets' pixels thinned out, and what tells the generator to draw just these."""

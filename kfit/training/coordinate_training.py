@@ -65,8 +65,8 @@ class CoordinateTraining(Training):
 
     def forward(self, image: Tensor) -> Tensor:
         """Logits (N, 3, B, S, S) of the coordinates that pictures (N, 3, S, S) show."""
-        said: Tensor = self.regressor(image)
-        return said
+        output: Tensor = self.regressor(image)
+        return output
 
     def training_step(self, batch: dict[str, Tensor], batch_idx: int) -> Tensor:
         with torch.no_grad():
@@ -75,9 +75,9 @@ class CoordinateTraining(Training):
             if self.similarity is not None:
                 # What comes in from outside is 1: the ground's share is, and coordinates are 0 there beside 1.
                 parts = torch.cat([image, 1 - mask, 1 + mask * truth], 1)
-                image, ground, beside = self.similarity(parts).split([3, 1, 3], 1)
+                image, ground, moved = self.similarity(parts).split([3, 1, 3], 1)
                 mask = 1 - ground
-                truth = (beside - 1) / mask.clamp_min(1e-3)
+                truth = (moved - 1) / mask.clamp_min(1e-3)
         loss = self.regressor.divergence(self(image), truth, mask).mean()
         self.log("train/coordinates", loss.detach(), prog_bar=True)
         return loss
@@ -127,6 +127,6 @@ def coordinates_of(
         focal = unit_fraction * size * (distance.square() - 0.25).sqrt()
         along = (torch.arange(size, device=depth.device, dtype=depth.dtype) - (size - 1) / 2) / focal
         away = depth + distance
-        seen = torch.cat([along * away, -along.mT * away, -depth], 1)
+        points = torch.cat([along * away, -along.mT * away, -depth], 1)
         rotation = rotation_from_angles(azimuth, elevation, torch.zeros_like(azimuth)).to(depth.dtype)
-        return torch.einsum("nji,njhw->nihw", rotation, seen)
+        return torch.einsum("nji,njhw->nihw", rotation, points)

@@ -70,11 +70,11 @@ class _CLI(LightningCLI):
                 super().parse_arguments(parser, args)
         except (ArgumentError, TypeError) as error:
             command = " ".join(["kfit", *(word for word in args[:1] if word in COMMANDS)])
-            told = sentence(str(error))
-            if told.startswith("Problems parsing config"):  # it does not say of which file
+            message = sentence(str(error))
+            if message.startswith("Problems parsing config"):  # it does not say of which file
                 recipes = [name for option, name in pairwise(args) if option in ("-c", "--config")]
-                told = f"{', '.join(recipes)}: {told}"
-            raise ValueError(f"{told}; `{command} --help` tells more") from None
+                message = f"{', '.join(recipes)}: {message}"
+            raise ValueError(f"{message}; `{command} --help` tells more") from None
 
     def instantiate_classes(self) -> None:
         """Build the parts; of what one of them refuses, the sentence that it says."""
@@ -100,10 +100,10 @@ class _CLI(LightningCLI):
 
         A fit with a logger of any kind logs its learning rate, and pictures where the model draws some.
         """
-        said = self._get(self.config_init, "trainer", default={})
-        logger, callbacks = said.get("logger"), said.get("callbacks") or []
-        if logger in (None, True) and self.subcommand != "predict" and not said.get("barebones"):
-            root = said.get("default_root_dir") or os.getcwd()
+        settings = self._get(self.config_init, "trainer", default={})
+        logger, callbacks = settings.get("logger"), settings.get("callbacks") or []
+        if logger in (None, True) and self.subcommand != "predict" and not settings.get("barebones"):
+            root = settings.get("default_root_dir") or os.getcwd()
             # The first one finds the number of the version, and minds a folder that is not empty.
             table = CSVLogger(root)
             logger = [table, TensorBoardLogger(root, version=table.version, default_hp_metric=False)]

@@ -63,8 +63,8 @@ class OrientationTraining(Training):
 
     def forward(self, image: Tensor) -> Tensor:
         """Rotations (N, 3, 3) that pictures (N, 3, S, S) show."""
-        said: Tensor = self.regressor(image)
-        return said
+        output: Tensor = self.regressor(image)
+        return output
 
     def training_step(self, batch: dict[str, Tensor], batch_idx: int) -> Tensor:
         image, mask, azimuth, elevation = _views(batch)
@@ -84,10 +84,10 @@ class OrientationTraining(Training):
         """Log the loss, and how far the rotations are from the truth."""
         image, _, azimuth, elevation = _views(batch)
         truth = rotation_from_angles(azimuth, elevation, torch.zeros_like(azimuth))
-        said = self(image)
-        loss = self.regressor.distance(said, truth).mean()
+        output = self(image)
+        loss = self.regressor.distance(output, truth).mean()
         self.log(f"{stage}/rotation", loss, batch_size=len(image), sync_dist=True)
-        self.record_rotations(said, truth, self.regressor.symmetry)
+        self.record_rotations(output, truth, self.regressor.symmetry)
 
 
 def _views(batch: dict[str, Tensor]) -> tuple[Tensor, Tensor, Tensor, Tensor]:
