@@ -1,182 +1,46 @@
-"""The contracts: read this file and you know the design.
+"""The contracts: read these few files of ``kfit/core`` and you know the design.
 
-A *generator* draws a picture from named variables. An *energy* says how badly the picture explains an observation.
-*Initializers* propose starts, an *optimizer* moves them, a *selector* picks the winner, *callbacks* look on; a
-`kfit.FitPipeline` holds them together. A fit holds N **rows**, each one start of one problem; problems may differ in
-how many they have.
+A *generator* (``generator.py``) draws a picture from named variables. An *energy* (``energy.py``) measures how badly
+the picture explains an observation (``observation.py``), a *prior* (``prior.py``) how unlikely values of variables are.
+*Initializers* set initial values, an *optimizer* moves them, a *selector* picks the winner, *callbacks* observe: they
+are here. A `kfit.FitPipeline` holds them together. A fit has N **rows**, each one start of one problem; problems may
+have different numbers of rows (``state.py``).
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
-from kfit.core.check import check_bound
 from kfit.core.evaluate import Evaluate
-from kfit.core.observation import Observation, Rendering
+from kfit.core.observation import Observation
 from kfit.core.part import Part
-from kfit.core.pictures import Reduction, at_least_single, check_prediction, check_target, precision_of, reduced
 from kfit.core.result import FitResult
 from kfit.core.state import Evaluation, FitState
 from kfit.core.variables import Variable, Variables
 
 
-class Generator(Part, nn.Module, ABC):
-    """Draws pictures from named variables.
-
-    Attributes:
-        variables: what it can be asked to explain, by name.
-    """
-
-    variables: Mapping[str, Variable]
-    __call__: Callable[..., Rendering]
-
-    @abstractmethod
-    def forward(self, *args: Any, **values: Any) -> Rendering:
-        """Draw N pictures from values (N, \\*shape) by name, all rows independent of one another.
-
-        A subclass may name its variables: ``def forward(self, code: Tensor, angle: Tensor) -> Rendering``.
-        """
-
-    def prepare(self, observation: Observation) -> Mapping[str, Tensor]:
-        """What the generator needs to know of the pictures besides its variables, such as their cameras.
-
-        Made once a fit; each tensor leads with the B problems and is given to `forward` by its name, a row for each
-        row drawn. A generator of several views draws the V pictures of a row one after another, (N · V, …).
-        """
-        return {}
-
-    def bind(self, **fixed: Tensor) -> Generator:
-        """The same generator with some variables held at one value (\\*shape) for all rows.
-
-        A generator for which holding a variable saves work overrides this. With all variables held it draws one row.
-
-        Raises:
-            ValueError: for a name that is no variable of this generator, or a value of another shape.
-        """
-        return Bound(self, fixed)
-
-
-class Bound(Generator):
-    """A generator with some variables held at one value for all rows."""
-
-    def __init__(self, generator: Generator, fixed: Variables) -> None:
-        super().__init__()
-        check_bound(generator.variables, fixed)
-        self.generator, self.held = generator, tuple(fixed)
-        self.variables = {k: v for k, v in generator.variables.items() if k not in fixed}
-        for name, value in fixed.items():
-            self.register_buffer(f"held_{name}", value.detach(), persistent=False)
-
-    def prepare(self, observation: Observation) -> Mapping[str, Tensor]:
-        return self.generator.prepare(observation)
-
-    def forward(self, **values: Tensor) -> Rendering:
-        rows = next(iter(values.values())).shape[0] if values else 1
-        held = {name: self.get_buffer(f"held_{name}") for name in self.held}
-        return self.generator(**values, **{k: v.expand(rows, *v.shape) for k, v in held.items()})
-
-
-class Energy(Part, nn.Module, ABC):
-    """How badly a prediction explains a target: one number a row, lower is better; it needs no pipeline.
-
-    Attributes:
-        on: field(s) of rendering and observation that a pipeline hands it; a tuple hands dicts of tensors.
-        mixed: whether a fit under ``torch.autocast`` should compare under it too, as convolutions of many channels
-            gain by it. Others lose in half precision what they measure, and are kept out of it.
-        volumes: whether it compares volumes (N, C, D, H, W) too.
-        unit_range: whether its numbers mean something for targets in [0, 1] alone.
-    """
-
-    on: str | tuple[str, ...] = "image"
-    mixed: bool = False
-    volumes: bool = False
-    unit_range: bool = False
-    __call__: Callable[..., Tensor]
-
-    def check(self, target: Any, weight: Tensor | None = None) -> None:
-        """Refuse, with TypeError or ValueError, what it cannot compare; done once a fit, and in each `forward`."""
-        check_target(target, weight, self.volumes, self.unit_range)
-
-    def prepare(self, target: Any, weight: Tensor | None = None) -> Any:
-        """What of the target can be computed once a fit: a pytree of tensors that lead with rows.
-
-        Args:
-            target: (N, C, H, W), or a dict of such where ``on`` is a tuple.
-            weight: (N, 1, H, W) or None, 0 where a pixel does not count, be it NaN. In a fit it is the product of the
-                observation's weight and the rendering's.
-        """
-        return {"target": target} if weight is None else {"target": target, "weight": weight}
-
-    @abstractmethod
-    def compare(self, prediction: Any, prepared: Any) -> Tensor:
-        """Energies (N,) of N predictions against N prepared targets."""
-
-    def forward(
-        self, prediction: Any, target: Any, weight: Tensor | None = None, reduction: Reduction = "none"
-    ) -> Tensor:
-        """``compare(prediction, prepare(target, weight))``, checked, for other tasks such as trainings.
-
-        Under ``torch.autocast`` it computes in single precision, unless it is ``mixed``. ``reduction`` "none" gives
-        energies (N,), "mean" and "sum" one number.
-        """
-        self.check(target, weight)
-        check_prediction(prediction, target, self.volumes)
-        prediction, target = at_least_single((prediction, target))
-        with precision_of(target, self.mixed):
-            return reduced(self.compare(prediction, self.prepare(target, weight)), reduction)
-
-
-class ResidualEnergy(Energy):
-    """An energy that is a mean of squares: E = Σ_m r_m²."""
-
-    @abstractmethod
-    def residuals(self, prediction: Any, prepared: Any) -> Tensor:
-        """Residuals (N, M) whose squares sum to the energy."""
-
-    def compare(self, prediction: Any, prepared: Any) -> Tensor:
-        return self.residuals(prediction, prepared).square().sum(1)
-
-
-class Prior(Part, nn.Module, ABC):
-    """How unlikely values of variables are, in general or for the picture that was seen: one number a row.
-
-    Attributes:
-        on: the variable's name; a tuple of names is handed a dict.
-    """
-
-    on: str | tuple[str, ...]
-    __call__: Callable[..., Tensor]
-
-    def prepare(self, observation: Observation) -> Any:
-        """What the picture says of them, made once a fit: tensors that lead with rows, or None."""
-        return None
-
-    @abstractmethod
-    def forward(self, value: Any, prepared: Any = None) -> Tensor:
-        """Energies (N,) of N values (N, \\*shape); handed what `prepare` made where that is not None."""
-
-
-class ResidualPrior(Prior):
-    """A prior that is a sum of squares: E = Σ_m r_m²."""
-
-    @abstractmethod
-    def residuals(self, value: Any, prepared: Any = None) -> Tensor:
-        """Residuals (N, M) whose squares sum to the energy."""
-
-    def forward(self, value: Any, prepared: Any = None) -> Tensor:
-        return self.residuals(value, prepared).square().sum(1)
-
-
 class Initializer(Part, ABC):
-    """Proposes starts.
+    """Sets the initial values of some variables.
 
     Attributes:
         on: names of the variables that it sets together.
+
+    Example:
+        >>> import torch, kfit
+        >>> class Dark(kfit.Initializer):
+        ...     on = ("level",)
+        ...
+        ...     def __call__(self, variables, observation, num_starts, rngs):
+        ...         noise = [0.1 * torch.rand(num_starts, generator=rng) for rng in rngs]
+        ...         return {"level": torch.cat(noise)}
+        >>> observation = kfit.Observation(torch.ones(2, 3, 8, 8))
+        >>> Dark()({"level": kfit.Variable()}, observation, 5, [torch.Generator() for _ in range(2)])["level"].shape
+        torch.Size([10])
     """
 
     on: tuple[str, ...]
@@ -189,45 +53,73 @@ class Initializer(Part, ABC):
         num_starts: int,
         rngs: Sequence[torch.Generator],
     ) -> Variables:
-        """Values (B·S, \\*shape) for its variables, the S starts of a problem one after another.
+        """Return values (B·S, \\*shape) of its variables, the S starts of a problem consecutively.
 
         Args:
             variables: those of the generator.
             observation: B problems.
             num_starts: S.
-            rngs: one generator of random numbers (on the CPU) a problem.
+            rngs: one generator of random numbers (on the CPU) for each problem.
         """
 
 
 class Optimizer(Part, ABC):
-    """Moves rows downhill. Stateless: its memory is a value in which every tensor leads with rows."""
+    """Moves rows downhill. Stateless: its memory is a value in which every tensor leads with rows.
+
+    Example:
+        >>> import torch, kfit
+        >>> class GradientDescent(kfit.Optimizer):
+        ...     def init(self, raw, seeds):
+        ...         return None
+        ...
+        ...     def step(self, evaluate, raw, problem, memory):
+        ...         evaluation = evaluate(raw, problem, need="gradient")
+        ...         step = {name: -0.1 * slope for name, slope in evaluation.gradient.items()}
+        ...         return evaluate.retract(raw, step), evaluation, memory
+        >>> from kfit.energies import L2
+        >>> from kfit.generators import Template
+        >>> from kfit.initializers import Constant
+        >>> template, start = Template(torch.rand(1, 8, 8), "translation"), [Constant({"shift": 0.0})]
+        >>> fit = kfit.FitPipeline(template, {"l2": L2()}, start, GradientDescent(), num_starts=1)
+        >>> fit(kfit.Observation(torch.rand(1, 1, 8, 8))).num_evaluations  # 50 steps, and the last iterate
+        51
+    """
 
     @abstractmethod
     def init(self, raw: Variables, seeds: Tensor) -> Any:
-        """Memory for these rows.
+        """Return the memory for these rows.
 
         Args:
             raw: (N, \\*shape) each.
-            seeds: (N,) whole numbers that decide each row's random numbers, whatever rows are beside it.
+            seeds: (N,) whole numbers that determine each row's random numbers, whatever the other rows are.
 
-        Raises ValueError if its settings name unknown variables.
+        Raises:
+            ValueError: if its settings name unknown variables.
         """
 
     @abstractmethod
     def step(
         self, evaluate: Evaluate, raw: Variables, problem: Tensor, memory: Any
     ) -> tuple[Variables, Evaluation, Any]:
-        """One step: the new raw variables, the evaluation *at the old ones*, and the new memory."""
+        """Take one step; return the new raw variables, the evaluation *at the old ones*, and the new memory."""
 
 
 class Callback(Part):
-    """Looks on during a fit, and may thin the rows out."""
+    """Observes a fit, and may remove or freeze rows.
+
+    Example:
+        >>> import kfit
+        >>> class Log(kfit.Callback):
+        ...     def on_step(self, state: kfit.FitState) -> kfit.FitState:
+        ...         print(state.step, float(state.best_energy.min()))
+        ...         return state
+    """
 
     def on_start(self, state: FitState) -> None:
         """Called once, before the first step."""
 
     def on_step(self, state: FitState) -> FitState:
-        """Called after each evaluation; what it returns goes on."""
+        """Called after each evaluation; the fit continues with the returned state."""
         return state
 
     def on_end(self, result: FitResult) -> None:
@@ -235,16 +127,35 @@ class Callback(Part):
 
 
 class Selector(Part, ABC):
-    """Picks the winner of each problem."""
+    """Selects the winner of each problem.
+
+    Example:
+        >>> import torch, kfit
+        >>> class First(kfit.Selector):
+        ...     def __call__(self, energy, values, problem):
+        ...         numbers = torch.arange(int(problem.max()) + 1)
+        ...         return (problem == numbers[:, None]).int().argmax(1)
+        >>> First()(torch.tensor([0.3, 0.1, 0.2]), {}, torch.tensor([0, 0, 1]))
+        tensor([0, 2])
+    """
 
     @abstractmethod
     def __call__(self, energy: Tensor, values: Variables, problem: Tensor) -> Tensor:
-        """Row (B,) that wins each problem, from R rows in any order; every problem 0…B−1 has at least one row."""
+        """Return the row (B,) that wins each problem, of R rows in any order; each problem 0…B−1 has at least one."""
 
 
 class Schedule(Part, ABC):
-    """A term's weight that changes over the steps."""
+    """A term's weight that changes over the steps.
+
+    Example:
+        >>> import kfit
+        >>> class Late(kfit.Schedule):
+        ...     def __call__(self, step: int, num_steps: int) -> float:
+        ...         return float(step > num_steps / 2)
+        >>> Late()(10, 50), Late()(40, 50)
+        (0.0, 1.0)
+    """
 
     @abstractmethod
     def __call__(self, step: int, num_steps: int) -> float:
-        """Weight at ``step`` (0 … num_steps)."""
+        """Return the weight at ``step`` (0 … num_steps)."""

@@ -15,7 +15,7 @@ Need = Literal["value", "gradient", "residuals"]
 class Evaluate(Protocol):
     """Draws rows and compares them under the weights of the step: any number of rows, each with its problem.
 
-    Only ``need="gradient"`` builds a graph; residuals can be had where all descended terms are sums of squares.
+    Only ``need="gradient"`` builds a graph. Residuals need all minimised terms to be sums of squares.
     """
 
     @overload
@@ -25,25 +25,25 @@ class Evaluate(Protocol):
     @overload
     def __call__(self, raw: Variables, problem: Tensor, need: Literal["residuals"]) -> ResidualEvaluation: ...
     def __call__(self, raw: Variables, problem: Tensor, need: Need = "value") -> Evaluation:
-        """Evaluate rows (N, \\*raw_shape); the gradient is by a step from ``raw``, as `retract` takes it."""
+        """Evaluate rows (N, \\*raw_shape); the gradient is with respect to a step as `retract` takes it."""
         ...
 
     def retract(self, raw: Variables, step: Variables) -> Variables:
-        """Raw variables after a step, each in its variable's space; ``raw + step`` where that is flat."""
+        """Return raw variables after a step, each in its variable's space; ``raw + step`` in flat spaces."""
         ...
 
     def linearize(self, raw: Variables, problem: Tensor) -> Linearization:
-        """Draw rows once and keep the graph, for products with their residuals' Jacobian."""
+        """Draw rows once and keep the graph, for products with the Jacobian of their residuals."""
         ...
 
 
 class Linearization(Protocol):
-    """Residuals r (N, M) near ``raw`` as a linear map of a step, J = ∂r/∂step, without ever holding J."""
+    """Residuals r (N, M) near ``raw`` as a linear map of a step, J = ∂r/∂step, without storing J."""
 
     def push(self, step: Tensor) -> Tensor:
-        """J · step, (N, M), for steps (N, P) of all variables laid end to end."""
+        """Return J · step, (N, M), for steps (N, P) of all variables, concatenated."""
         ...
 
     def pull(self, residuals: Tensor) -> Tensor:
-        """Jᵀ · residuals, (N, P), for (N, M)."""
+        """Return Jᵀ · residuals, (N, P), for (N, M)."""
         ...

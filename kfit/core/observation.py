@@ -16,13 +16,13 @@ from kfit.core.rows import pictures_of
 
 @dataclass(frozen=True)
 class _Fields:
-    """Reading by name and mapping over the tensors that are there."""
+    """Access to fields by name, and maps over the tensors among them."""
 
     def field(self, name: str) -> Tensor:
-        """The tensor of that name.
+        """Return the tensor of that name.
 
         Raises:
-            ValueError: if there is no such field, or it is empty.
+            ValueError: if there is no such field, or it is None.
         """
         there = [f.name for f in fields(self) if isinstance(getattr(self, f.name), Tensor)]
         if name not in there:
@@ -31,32 +31,32 @@ class _Fields:
         return tensor
 
     def select(self, on: str | tuple[str, ...]) -> Any:
-        """What an energy on ``on`` compares: one field's tensor, or a dict of several."""
+        """Return the input of an energy on ``on``: one tensor, or a dict of several."""
         return self.field(on) if isinstance(on, str) else {name: self.field(name) for name in on}
 
     def map(self, function: Callable[[Tensor], Tensor]) -> Self:
-        """The same with ``function`` applied to each tensor."""
+        """Return a copy with ``function`` applied to each tensor."""
         held = {f.name: getattr(self, f.name) for f in fields(self)}
         return replace(self, **pytree.tree_map_only(Tensor, function, held))
 
 
 @dataclass(frozen=True)
 class Observation(_Fields):
-    """B pictures to be explained, of as many problems or, with V views, of B / V.
+    """B observed pictures of B problems or, with V views each, of B / V problems.
 
-    The V pictures of a problem stand one after another, and a fit explains them all by one set of values. Volumes have
-    an axis D before H in all fields.
+    The V pictures of a problem are consecutive, and a fit explains them by one set of values. Volumes have an axis D
+    before H in all fields.
 
     Attributes:
         image: (B, C, H, W), RGB in [0, 1] on white background.
         mask: (B, 1, H, W) in [0, 1], 1 on the object.
-        depth: (B, 1, H, W) in metres, NaN where it is unknown.
-        weight: (B, 1, H, W), 0 where a pixel does not count (occluded or unknown).
-        intrinsics: (B, 3, 3) of the picture given.
-        trans_cam_ref: (B, 4, 4), takes points in the camera of the problem's first picture to this picture's camera,
+        depth: (B, 1, H, W) in metres, NaN where unknown.
+        weight: (B, 1, H, W), at least 0; 0 excludes a pixel (occluded or unknown).
+        intrinsics: (B, 3, 3) of these pictures.
+        trans_cam_ref: (B, 4, 4), maps points in the camera of the problem's first picture to this picture's camera,
             metres and OpenCV's axes.
-        keys: one number a problem; with the seed it decides the problem's random numbers. The same key gives the
-            same numbers alone and in any batch; all keys are 0 unless given.
+        keys: one number for each problem. With the seed it determines the problem's random numbers: the same key gives
+            the same numbers alone and in any batch. All keys are 0 by default.
         views: V, the number of pictures of each problem.
         predictions: (problems, …) each by a name of its own, what networks predict of the pictures; parts that need
             such a prediction find it here and do not run the network again, see
@@ -64,6 +64,16 @@ class Observation(_Fields):
 
     Raises:
         TypeError, ValueError: naming the field whose type or shape is wrong.
+
+    Example:
+        >>> import torch
+        >>> from kfit.core import Observation
+        >>> observation = Observation(torch.rand(4, 3, 64, 64), mask=torch.ones(4, 1, 64, 64), views=2)
+        >>> observation.num_problems
+        2
+        >>> observation.field("depth")
+        Traceback (most recent call last):
+        ValueError: observation has no 'depth'; it has image, mask
     """
 
     image: Tensor
@@ -105,6 +115,7 @@ class Observation(_Fields):
 
     @property
     def num_problems(self) -> int:
+        """Number of problems, B / V."""
         return self.image.shape[0] // self.views
 
     def __getitem__(self, problems: int | slice | Sequence[int] | Tensor) -> Observation:
@@ -142,7 +153,7 @@ class Observation(_Fields):
         return Observation(**joined, predictions=predictions)
 
     def first_views(self) -> Observation:
-        """The first picture of each problem alone."""
+        """Return the first picture of each problem."""
         if self.views == 1:
             return self
         every = torch.arange(self.num_problems, device=self.image.device)
@@ -162,10 +173,17 @@ class Rendering(_Fields):
 
     Attributes:
         image: (N, C, H, W), RGB in [0, 1] on white background.
-        mask: (N, 1, H, W) in [0, 1], where the generator can say.
-        depth: (N, 1, H, W), distance behind the object's centre in box diagonals, where the generator can say.
-        weight: (N, 1, H, W) in [0, 1], 0 where the generator does not vouch for the pixel, such as outside a warped
-            picture; None vouches for all. A fit multiplies it with the observation's weight, see `kfit.FitPipeline`.
+        mask: (N, 1, H, W) in [0, 1], if the generator draws it.
+        depth: (N, 1, H, W), distance behind the object's centre in box diagonals, if the generator draws it.
+        weight: (N, 1, H, W) in [0, 1], 0 where the picture is not known, such as outside of a warped picture; None is 1
+            everywhere. A fit multiplies it with the observation's weight, see `kfit.FitPipeline`.
+
+    Example:
+        >>> import torch
+        >>> from kfit.core import Rendering
+        >>> rendering = Rendering(torch.ones(2, 3, 8, 8), mask=torch.zeros(2, 1, 8, 8))
+        >>> rendering.map(lambda tensor: tensor[:1]).image.shape
+        torch.Size([1, 3, 8, 8])
     """
 
     image: Tensor

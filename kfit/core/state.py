@@ -1,4 +1,4 @@
-"""Where a fit stands: energies of rows, and the rows themselves."""
+"""State of a fit: energies of rows, and the rows themselves."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from kfit.core.variables import Variables
 
 @dataclass
 class Evaluation:
-    """Energies of rows.
+    """Energies of N rows.
 
     Attributes:
-        energy: (N,) weighted sum that is descended.
+        energy: (N,) weighted sum that the optimizer minimises.
         ranking: (N,) weighted sum by which starts are ranked.
         terms: (N,) each, unweighted.
-        values: what the generator saw, (N, \\*shape) each.
-        rendering: what was drawn, N pictures.
+        values: the generator's inputs, (N, \\*shape) each.
+        rendering: the N drawn pictures.
     """
 
     energy: Tensor
@@ -34,7 +34,7 @@ class Evaluation:
 
 @dataclass(kw_only=True)
 class GradientEvaluation(Evaluation):
-    """Energies of rows and their slopes.
+    """Energies of N rows and their gradient.
 
     Attributes:
         gradient: of the sum of ``energy`` over rows with respect to raw variables.
@@ -45,7 +45,7 @@ class GradientEvaluation(Evaluation):
 
 @dataclass(kw_only=True)
 class ResidualEvaluation(Evaluation):
-    """Energies of rows as sums of squares.
+    """Energies of N rows as sums of squares.
 
     Attributes:
         residuals: (N, M) whose squares sum to ``energy``.
@@ -56,20 +56,28 @@ class ResidualEvaluation(Evaluation):
 
 @dataclass
 class FitState:
-    """Where a fit stands: N rows, each one start of one problem.
+    """State of a fit: N rows, each one start of one problem.
 
     Attributes:
         step: number of steps taken.
         num_steps: number of steps planned.
-        problem, start: (N,) the row's problem and the number that its start had at the beginning.
-        raw: variables as the optimizer walks on them, (N, \\*shape) each.
-        values: the same as the generator saw them at the last evaluation.
-        energy: (N,) descended energy at the last evaluation.
+        problem, start: (N,) the row's problem and the original number of its start.
+        raw: raw variables, which the optimizer moves, (N, \\*shape) each.
+        values: the generator's inputs at the last evaluation.
+        energy: (N,) minimised energy at the last evaluation.
         terms: (N,) each, the unweighted energies by name.
-        best_energy, best_values: least ranking energy so far of each row, and the values that reached it.
+        best_energy, best_values: least ranking energy so far of each row, and its values.
         optimizer: memory of the optimizer, a pytree whose tensors lead with rows.
-        notes: what callbacks remember of the rows, (N, …) each by a name of theirs; so they hold nothing themselves.
-        frozen_rows: rows that have stopped moving and still may win; see `freeze`.
+        notes: data of callbacks about the rows, (N, …) each by a name of their choice, so that callbacks are stateless.
+        frozen_rows: rows that no longer move and can still win; see `freeze`.
+
+    Example:
+        A callback that keeps the best half of all rows:
+
+        >>> import kfit
+        >>> class BestHalf(kfit.Callback):
+        ...     def on_step(self, state: kfit.FitState) -> kfit.FitState:
+        ...         return state.keep(state.best_energy <= state.best_energy.median())
     """
 
     step: int
@@ -87,7 +95,7 @@ class FitState:
     frozen_rows: tuple[FitState, ...] = ()
 
     def keep(self, index: Tensor) -> FitState:
-        """The same state with the rows of ``index`` (long or boolean) only; start numbers survive."""
+        """Return the state with the rows of ``index`` (long or boolean) only; start numbers are kept."""
         if index.dtype == torch.bool:
             index = index.nonzero()[:, 0]
         held = {f.name: getattr(self, f.name) for f in fields(self)}
@@ -95,7 +103,7 @@ class FitState:
         return FitState(**kept)
 
     def freeze(self, rows: Tensor) -> FitState:
-        """The state without these rows (N,), boolean, which cost nothing from now on and stay among the answers."""
+        """Return the state without these rows (N,), boolean, which cost nothing from now on and can still win."""
         if not bool(rows.any()):
             return self
         return replace(self.keep(~rows), frozen_rows=(*self.frozen_rows, replace(self.keep(rows), frozen_rows=())))

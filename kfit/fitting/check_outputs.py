@@ -1,4 +1,4 @@
-"""What parts return in a fit is refused, where it breaks their contract, in one sentence that names the part."""
+"""Checks of what the parts of a fit return: each error names the part and the remedy in one sentence."""
 
 from __future__ import annotations
 
@@ -9,15 +9,23 @@ import torch
 from torch import Tensor
 from torch.utils import _pytree as pytree
 
-from kfit.core.contracts import Callback, Energy, Generator, Optimizer, Prior, Selector
-from kfit.core.observation import Observation, Rendering
-from kfit.core.state import FitState
-from kfit.core.variables import Variables
+from kfit.core import (
+    Callback,
+    Energy,
+    FitState,
+    Generator,
+    Observation,
+    Optimizer,
+    Prior,
+    Rendering,
+    Selector,
+    Variables,
+)
 from kfit.fitting.check_parts import check_kind
 
 
 def check_rendering(generator: Generator, rendering: Any) -> None:
-    """Refuse what is no rendering.
+    """Refuse anything but a rendering.
 
     Raises:
         TypeError: naming the generator.
@@ -27,7 +35,7 @@ def check_rendering(generator: Generator, rendering: Any) -> None:
 
 
 def check_sizes(name: str, term: Energy, rendering: Rendering, observation: Observation) -> None:
-    """Refuse drawings of another size than the observation, which an energy on networks would compare all the same.
+    """Refuse drawings of another size than the observation, which energies on networks would compare nevertheless.
 
     Raises:
         ValueError: naming the term, the field and both sizes.
@@ -45,13 +53,13 @@ def check_reached(
     context: Mapping[str, Tensor],
     missing: Sequence[str],
 ) -> None:
-    """Refuse a generator through which no gradient reaches a variable, whatever is compared.
+    """Refuse a generator through which no gradient reaches a variable, whatever the energies are.
 
     Args:
         generator: draws.
-        terms: of the fit; what a prior is on may be left out of the drawing.
+        terms: of the fit; variables of priors need not change the drawing.
         raw: (N, \\*shape) each, N at least 1; one row is drawn.
-        context: what the generator prepared for the rows.
+        context: the result of the generator's `prepare`, by row.
         missing: variables on which the energies do not depend.
 
     Raises:
@@ -95,7 +103,7 @@ def check_term(name: str, term: Any, found: Any, rows: int, residuals: bool = Fa
 
 
 def check_memory(optimizer: Optimizer, memory: Any, rows: int) -> None:
-    """Refuse an optimizer's memory in which a tensor does not lead with rows, so that no row could leave it.
+    """Refuse an optimizer's memory in which a tensor does not lead with rows, because rows could not be removed.
 
     Raises:
         ValueError: naming the optimizer and the tensor.
@@ -109,7 +117,7 @@ def check_memory(optimizer: Optimizer, memory: Any, rows: int) -> None:
 
 
 def check_state(callback: Callback, state: Any) -> None:
-    """Refuse what a callback returned in place of the state.
+    """Refuse anything but a state as the result of a callback.
 
     Raises:
         TypeError: naming the callback.
@@ -119,7 +127,7 @@ def check_state(callback: Callback, state: Any) -> None:
 
 
 def check_winner(selector: Selector, winner: Any, problem: Tensor) -> None:
-    """Refuse rows that a selector picked where they are not one of each problem, in order.
+    """Refuse a selection that is not one row of each problem, in order.
 
     Raises:
         TypeError, ValueError: naming the selector.

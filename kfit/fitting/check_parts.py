@@ -1,4 +1,4 @@
-"""Parts of a fit that do not go together are refused in one sentence that names the part and the remedy."""
+"""Checks of the parts of a fit: each error names the part and the remedy in one sentence."""
 
 from __future__ import annotations
 
@@ -8,15 +8,14 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
+from kfit.core import Callback, Energy, Generator, Initializer, Observation, Optimizer, Prior, Schedule, Selector
 from kfit.core.check import check_count, check_dict, check_names, check_range
-from kfit.core.contracts import Callback, Energy, Generator, Initializer, Optimizer, Prior, Schedule, Selector
-from kfit.core.observation import Observation
 
 
 def check_parts(
     generator: Any, energies: Any, initializers: Any, optimizer: Any, selector: Any, callbacks: Any
 ) -> None:
-    """Refuse parts of the wrong kind, a generator without variables, and names that do not go together.
+    """Refuse parts of the wrong type, a generator without variables, and names that do not match.
 
     Raises:
         TypeError, ValueError: naming the part, what was expected and what to do.
@@ -35,7 +34,7 @@ def check_parts(
     if not energies:
         raise ValueError("energies must name at least one energy, got none")
     for name, term in energies.items():
-        # `ModuleDict` keeps its modules as attributes beside its own.
+        # `ModuleDict` stores its modules as attributes.
         if not isinstance(name, str) or not name or "." in name or hasattr(nn.ModuleDict(), name):
             raise ValueError(
                 f"energies: an energy cannot be named {name!r}; names are not empty, have no dot, and are none of "
@@ -55,7 +54,7 @@ def check_parts(
 
 
 def _check_names(generator: Generator, energies: Mapping[str, Any], initializers: Sequence[Initializer]) -> None:
-    """Refuse priors on unknown variables, and variables that no or two initializers set."""
+    """Refuse priors on unknown variables, and variables that no initializer or several set."""
     for name, term in energies.items():
         if isinstance(term, Prior):
             check_names(f"energies.{name}.on", [term.on] if isinstance(term.on, str) else term.on, generator.variables)
@@ -84,7 +83,7 @@ def check_numbers(num_starts: Any, num_steps: Any, num_candidates: Any, history:
 
 
 def check_weights(energies: Mapping[str, Any], weights: Any, rank_weights: Any) -> None:
-    """Refuse weights that are no dict of numbers, or of schedules where these may stand, and unknown names.
+    """Refuse weights that are not a dict of numbers (or schedules, where accepted), and unknown names.
 
     Raises:
         TypeError, ValueError: naming the weight.
@@ -101,10 +100,10 @@ def _check_weight(name: str, weight: Any) -> None:
 
 
 def check_kind(name: str, value: Any, *kinds: type, remedy: str = "") -> None:
-    """Refuse what is of none of these kinds, a class in place of its instance among it.
+    """Refuse a value that is not an instance of one of these classes, such as the class itself.
 
     Raises:
-        TypeError: naming the kinds, what came, and the remedy.
+        TypeError: naming the classes, the actual type, and the remedy.
     """
     if isinstance(value, kinds):
         return
@@ -116,17 +115,17 @@ def check_kind(name: str, value: Any, *kinds: type, remedy: str = "") -> None:
 
 
 def check_observation(observation: Any) -> None:
-    """Refuse what is no observation.
+    """Refuse anything but an observation.
 
     Raises:
-        TypeError: naming what came.
+        TypeError: naming the actual type.
     """
     remedy = "kfit.core.Observation(picture) makes one" if isinstance(observation, Tensor) else ""
     check_kind("observation", observation, Observation, remedy=remedy)
 
 
 def check_callbacks(callbacks: Any) -> None:
-    """Refuse what is no list of callbacks.
+    """Refuse anything but a list of callbacks.
 
     Raises:
         TypeError: naming the one that is none.

@@ -1,4 +1,4 @@
-"""What a pipeline's optimizer asks: how good are these rows, and which way is down?"""
+"""The objective of a fit: draws rows, compares them, and returns energies and derivatives."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ from kfit.fitting.prepared_terms import PreparedTerms, rows_of
 class Objective:
     """The `kfit.core.Evaluate` of one step: draws rows, and compares them under the step's weights.
 
-    Rows are drawn in chunks, so that memory does not grow with their number; no row's answer depends on others. Under
-    ``torch.autocast`` the generator draws in its precision, and of the terms those compare in it that say they can.
+    Rows are drawn in chunks, so that memory does not grow with their number; no row's result depends on other rows.
+    Under ``torch.autocast`` the generator draws in its precision, and energies with ``mixed`` compare in it.
 
-    Where a rendering has a weight, each energy compares under its product with the observation's weight, so a row's
-    energy is a mean over what both count, as in airlab's masked losses. The *overlap* of a row is
-    o = Σ w_rendering · w_observation / Σ w_observation. A row with o < ``min_overlap``, or of no overlap, cannot win:
-    its ranking energy is infinite (ITK 4 gives the largest number to rows of no valid points; elastix stops below its
-    RequiredRatioOfValidSamples, 0.25). Its descended energy has the residual √(Σ_k |w_k|) · (1 − o / min_overlap) more,
-    with the weights w_k of the energies, which leads it back.
+    If a rendering has a weight, each energy uses its product with the observation's weight, so a row's energy is a mean
+    over the pixels of both, as in airlab's masked losses. The *overlap* of a row is
+    o = Σ w_rendering · w_observation / Σ w_observation. A row with o < ``min_overlap``, or without overlap, cannot win:
+    its ranking energy is infinite (ITK 4 returns the largest number for rows without valid points; elastix stops below
+    its RequiredRatioOfValidSamples, 0.25). Its minimised energy has an additional residual
+    √(Σ_k |w_k|) · (1 − o / min_overlap), with the weights w_k of the energies, which leads it back.
 
     Args:
         prepared: generator and terms, and what they prepared of the observation.
@@ -63,16 +63,16 @@ class Objective:
     @overload
     def __call__(self, raw: Variables, problem: Tensor, need: Literal["residuals"]) -> ResidualEvaluation: ...
     def __call__(self, raw: Variables, problem: Tensor, need: Need = "value") -> Evaluation:
-        """Draw and compare.
+        """Draw and compare rows.
 
         Raises:
-            ValueError: if residuals are asked for and a term that is descended is no sum of squares.
+            ValueError: if residuals are requested and a minimised term is not a sum of squares.
         """
         chunks = self.prepared.chunks(raw, problem)
         return joined_evaluation([self._evaluate(part, rows, need) for part, rows in chunks])
 
     def retract(self, raw: Variables, step: Variables) -> Variables:
-        """Raw variables after a step, each in its own space."""
+        """Return raw variables after a step, each in its own space."""
         spaces = self.prepared.spaces
         return {name: spaces[name].retract(tensor.detach(), step[name]) for name, tensor in raw.items()}
 
@@ -80,7 +80,7 @@ class Objective:
         """Draw rows once and keep their graphs, for products with the Jacobian of their residuals.
 
         Raises:
-            ValueError: if a term that is descended is no sum of squares.
+            ValueError: if a minimised term is not a sum of squares.
         """
         parts = []
         for part, rows in self.prepared.chunks(raw, problem):
@@ -91,7 +91,7 @@ class Objective:
         return JacobianProducts(parts)
 
     def energy_of(self, raw: Variables, problem: Tensor) -> Tensor:
-        """Descended energies (N,) of rows drawn at once, with the graph of ``raw`` and of the observation."""
+        """Return minimised energies (N,) of rows drawn at once, with the graph of ``raw`` and of the observation."""
         return self._descended(self._draw(raw, self.prepared.gather(problem), "value"))
 
     def _descended(self, drawn: DrawnRows) -> Tensor:
@@ -123,14 +123,14 @@ class Objective:
         count, observed = len(rows.problem), rows_of(observation.weight, rows.picture)
         joint = None if rendering.weight is None else joint_weight(rendering.weight, observed)
         terms: dict[str, Tensor] = {}
-        # None of them, where no term is descended.
+        # Stays empty if no term is minimised.
         residuals = [rendering.image.new_zeros(count, 0)]
         for name, term in prepared.terms.items():
             weight = self.weights[name]
             if not weight and not self.rank_weights.get(name):
                 continue
             target = rows.targets[name]
-            # What only ranks has no slope.
+            # Terms that only rank need no gradient.
             with torch.set_grad_enabled(torch.is_grad_enabled() and bool(weight)), prepared.precision(term):
                 if isinstance(term, Energy):
                     check_sizes(name, term, rendering, observation)
@@ -142,7 +142,7 @@ class Objective:
                 if need == "residuals" and weight:
                     parts = self._residuals(name, given)
                     check_term(name, term, parts, pictures, residuals=True)
-                    if isinstance(term, Energy):  # a mean over the views
+                    if isinstance(term, Energy):  # the mean over the views
                         parts = parts.reshape(count, views * parts.shape[1]) / views**0.5
                     residuals.append(weight**0.5 * parts)
                     terms[name] = parts.square().sum(1)
@@ -152,7 +152,7 @@ class Objective:
                     terms[name] = found if isinstance(term, Prior) else found.view(count, views).mean(1)
         overlap = missing = None
         if joint is not None:
-            # One number a row for all of its views.
+            # One number for all views of a row.
             counted = None if observed is None else observed.unflatten(0, (-1, views))
             overlap = overlap_of(joint.unflatten(0, (-1, views)), counted)
             compared = [abs(self.weights[name]) for name, term in prepared.terms.items() if isinstance(term, Energy)]

@@ -16,8 +16,8 @@ from kfit.core.rows import pictures_of
 from kfit.fitting.check_outputs import check_reached, check_rendering
 from kfit.fitting.drawn_rows import RowInputs
 
-# Pixels that are drawn at once. On a CPU what a chunk of 16 pictures of 64 × 64 needs stays in the cache and is memory
-# that is used again: 120 at once take 1.7 times as long a picture, and 2 as long again as 16.
+# Pixels that are drawn at once. On a CPU a chunk of 16 pictures of 64 × 64 fits the cache and reuses its memory: with
+# 120 at once a picture takes 1.7 × as long, with 2 at once as long as with 16.
 CHUNK_PIXELS = {"cpu": 16 * 64 * 64}
 CHUNK_PIXELS_ELSEWHERE = 512 * 64 * 64
 
@@ -58,21 +58,21 @@ class PreparedTerms:
         self.chunk = max(1, pixels // (size * self.views))
 
     def draw(self, raw: Variables, rows: RowInputs) -> tuple[Variables, Rendering]:
-        """Values of rows, and their pictures in single precision or better."""
+        """Return values of rows, and their pictures in single precision or better."""
         values = {name: self.spaces[name].to_value(tensor) for name, tensor in raw.items()}
         drawn = self.generator(**values, **rows.context)
         check_rendering(self.generator, drawn)
         return values, drawn.map(at_least_single)
 
     def precision(self, term: Energy | Prior) -> AbstractContextManager[Any]:
-        """The precision around, for a term that can compare in it; else single."""
+        """Return a context of the current precision for terms that can compare in it, else of single precision."""
         mixed = isinstance(term, Energy) and term.mixed
         return nullcontext() if mixed else torch.autocast(self.device, enabled=False)
 
     def chunks(self, raw: Variables, problem: Tensor) -> Iterator[tuple[Variables, RowInputs]]:
-        """Even parts of at most `chunk` rows; one part of none, where there are no rows.
+        """Yield even parts of at most `chunk` rows; one empty part if there are no rows.
 
-        What belongs to their problems is gathered anew only when the rows have changed.
+        The inputs of their problems are gathered again only if the rows have changed.
         """
         rows, count = len(problem), max(1, -(-len(problem) // self.chunk))
         self.num_evaluations += rows * self.views
@@ -83,7 +83,7 @@ class PreparedTerms:
             yield {name: tensor[part] for name, tensor in raw.items()}, gathered
 
     def gather(self, problem: Tensor) -> RowInputs:
-        """What belongs to the problems (N,) of rows."""
+        """Return the inputs of rows of the problems (N,)."""
         picture = pictures_of(problem, self.views)
         targets = {
             name: rows_of(prepared, picture if isinstance(self.terms[name], Energy) else problem)
@@ -103,5 +103,5 @@ class PreparedTerms:
 
 
 def rows_of(prepared: Any, rows: Tensor) -> Any:
-    """The rows (N,) of each tensor in a pytree."""
+    """Return the rows (N,) of each tensor in a pytree."""
     return pytree.tree_map_only(Tensor, lambda tensor: tensor.index_select(0, rows), prepared)
