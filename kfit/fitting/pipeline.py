@@ -134,8 +134,7 @@ class FitPipeline(nn.Module):
         A fit that is read from it gives the same numbers, bit by bit. Only what differs from the defaults is written.
 
         Raises:
-            ValueError: naming a part that text cannot hold, such as one built from a network, or of a class that
-                cannot be imported.
+            ValueError: naming a part that text cannot hold (built from a network, or of a class without import path).
         """
         return recipe_text(self)
 
@@ -154,13 +153,9 @@ class FitPipeline(nn.Module):
     if TYPE_CHECKING:
 
         def __call__(
-            self,
-            observation: Observation,
-            *,
-            seed: int | None = None,
-            starts: Variables | None = None,
+            self, observation: Observation, *, seed: int | None = None, starts: Variables | None = None,
             callbacks: Sequence[Callback] = (),
-        ) -> FitResult: ...
+        ) -> FitResult: ...  # fmt: skip
 
     @property
     def device(self) -> torch.device:
@@ -217,7 +212,13 @@ class FitPipeline(nn.Module):
             raise ValueError("observation must hold at least one picture, got none")
         seed = int(torch.randint(2**31, ())) if seed is None else seed
         prepared = PreparedTerms(self.generator, self.terms, observation)
-        raw = self._starts(prepared, seed, starts)
+        variables = self.generator.variables
+        if starts is None:
+            proposed = initialize(self.initializers, variables, observation.first_views(), self.num_candidates, seed)
+            raw = likeliest(self._objective(prepared, 0), proposed, self.num_candidates, self.num_starts)
+        else:
+            check_names("starts", starts, variables, complete=True)
+            raw = raw_starts("starts", starts, variables, observation, self.num_starts)
         memory = self.optimizer.init(raw, row_seeds(observation, self.num_starts, seed))
         state = first_state(raw, memory, observation.num_problems, self.num_starts, self.num_steps)
         for callback in callbacks:
@@ -247,13 +248,3 @@ class FitPipeline(nn.Module):
     def _objective(self, prepared: PreparedTerms, step: int) -> Objective:
         rank_weights = self.rank_weights or self.weights_at(self.num_steps)
         return Objective(prepared, self.weights_at(step), rank_weights, self.min_overlap)
-
-    def _starts(self, prepared: PreparedTerms, seed: int, starts: Variables | None) -> Variables:
-        """Raw variables (B · S, \\*shape) of the starts."""
-        observation, variables = prepared.observation, self.generator.variables
-        with torch.autocast(observation.image.device.type, enabled=False):  # autocast would round the starts
-            if starts is not None:
-                check_names("starts", starts, variables, complete=True)
-                return raw_starts("starts", starts, variables, observation, self.num_starts)
-            proposed = initialize(self.initializers, variables, observation.first_views(), self.num_candidates, seed)
-        return likeliest(self._objective(prepared, 0), proposed, self.num_candidates, self.num_starts)

@@ -40,7 +40,8 @@ def initialize(
             torch.Generator().manual_seed(mixed_seed(seed, key, ",".join(initializer.on)))
             for key in observation.keys or (0,) * observation.num_problems
         ]
-        values = initializer(variables, observation, count, rngs)
+        with _in_full_precision(observation):
+            values = initializer(variables, observation, count, rngs)
         name = type(initializer).__name__
         check_names(f"{name} set", values, initializer.on, complete=True)
         raw |= raw_starts(name, values, variables, observation, count)
@@ -67,8 +68,14 @@ def raw_starts(
         expected = (observation.num_problems * count, *variables[name].shape)
         if tuple(value.shape) != expected:
             raise ValueError(f"{who} must give {name!r} in shape {expected}, got {tuple(value.shape)}")
-        raw[name] = variables[name].space.to_raw(value.to(observation.image))
+        with _in_full_precision(observation):
+            raw[name] = variables[name].space.to_raw(value.to(observation.image))
     return raw
+
+
+def _in_full_precision(observation: Observation) -> torch.autocast:
+    """Return a context without autocast, which would round the starts."""
+    return torch.autocast(observation.image.device.type, enabled=False)
 
 
 def likeliest(evaluate: Evaluate, raw: Variables, num_candidates: int, num_starts: int) -> Variables:
