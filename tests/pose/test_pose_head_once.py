@@ -32,9 +32,8 @@ def runs(monkeypatch):
 PHOTO, MASK = np.random.default_rng(0).random((40, 40, 3)), np.ones((40, 40))
 
 
-@pytest.mark.parametrize("own", [True, False], ids=["the model's fit", "a fit that is handed in"])
-def test_one_photo_takes_one_run_of_the_head(model, runs, own):
-    model.pose(PHOTO, mask=MASK, pipeline=None if own else model.pipeline(2, 1))
+def test_one_photo_takes_one_run_of_the_head(model, runs):
+    model.pose(PHOTO, mask=MASK, pipeline=model.pipeline(2, 1))
     assert runs == [1]
 
 
