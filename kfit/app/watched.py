@@ -12,7 +12,9 @@ import torch
 from numpy.typing import NDArray
 
 from kfit.core import Callback, FitState, Generator
+from kfit.models.find_poses import pose_of
 from kfit.pose import CategoryModel, PoseResult
+from kfit.pose.object_finder import FoundObject
 from kfit.pose.observed_object import ObservedObject
 from kfit.segmentation import Photo
 
@@ -71,30 +73,29 @@ class Watching(Callback):
         return state
 
 
-def watched(model: CategoryModel, photo: Photo, mask: NDArray[np.float32] | None) -> Iterator[Drawn | PoseResult]:
-    """The model's own fit, in a thread beside: one `Drawn` a step, at last the result.
+def watched(model: CategoryModel, photo: Photo, target: FoundObject) -> Iterator[Drawn | PoseResult]:
+    """The fit of `kfit pose`, in a thread beside: one `Drawn` a step, at last the result.
 
     Whoever stops iterating ends the fit.
 
     Args:
         model: of the object's category.
         photo: that is looked at.
-        mask: (H, W), above one half on the object; None where the photo's alpha channel tells.
+        target: the object in it.
 
     Raises:
         ValueError, FitError: as `kfit.pose.CategoryModel.pose`.
     """
     events: SimpleQueue[Drawn | PoseResult | BaseException] = SimpleQueue()
     left = Event()
-    target = ObservedObject.of(photo, model.card.category, model.image_size, mask)
-    observed = target.observation.image[0].movedim(0, -1).numpy()
-    pipeline = model.pipeline(lens_known=target.lens_known)
-    watching = Watching(pipeline.generator, observed, events.put, left)
+    observed = ObservedObject.of(photo, model.card.category, model.image_size, segmenter=target)
+    picture = observed.observation.image[0].movedim(0, -1).numpy()
+    pipeline = model.pipeline(lens_known=observed.lens_known)
+    watching = Watching(pipeline.generator, picture, events.put, left)
 
     def fit() -> None:
         try:
-            observation = model.read(target.observation)
-            events.put(model.answer(pipeline(observation, seed=0, callbacks=[watching]), target, observation))
+            events.put(pose_of(model, photo, target, pipeline=pipeline, callbacks=[watching]))
         except BaseException as error:  # whatever it is, it is told to those who wait
             events.put(error)
 

@@ -197,11 +197,13 @@ class Answer(NamedTuple):
     """What a fit of one view comes to.
 
     Attributes:
+        number: of the view.
         evidence: see `kfit.pose.confidence.evidence`.
         error_deg: of the whole rotation, also of mugs whose handle is hidden: a guess at it is no certain answer.
         energy: of the winner.
     """
 
+    number: int
     evidence: dict[str, float]
     error_deg: float
     energy: float
@@ -218,7 +220,10 @@ def answers(model: CategoryModel, views: HeldOutViews, results: list[FitResult])
         hypotheses = hypotheses_of(fit, upright, model.card, model.pose_head, head)
         error = rotation_error(fitted_rotations(fit.values)[0], views.rotation[number], model.card.known.symmetry)
         yield Answer(
-            evidence(hypotheses.alternatives, hypotheses.head_share), float(error.rad2deg()), float(fit.energy[0])
+            number,
+            evidence(hypotheses.alternatives, hypotheses.head_share),
+            float(error.rad2deg()),
+            float(fit.energy[0]),
         )
 
 

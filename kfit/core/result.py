@@ -52,7 +52,7 @@ class FitResult:
         >>> result = fit(kfit.Observation(torch.rand(2, 1, 16, 16)))  # two problems
         >>> result.values["shift"].shape, result.all_values["shift"].shape, result.history.energy.shape
         (torch.Size([2, 2]), torch.Size([8, 2]), torch.Size([6, 2, 4]))
-        >>> result.of(1).energy == result.energy[1]
+        >>> result[1].energy == result.energy[1]
         tensor([True])
     """
 

@@ -89,3 +89,16 @@ def pose_of(
         callbacks=callbacks,
     )
     return with_score(answer, target)
+
+
+def pose_in_views(
+    model: CategoryModel,
+    photos: Sequence[Photo],
+    targets: Sequence[FoundObject],
+    relative_poses: NDArray[Any] | Tensor,
+    intrinsics: NDArray[Any] | Tensor | None = None,
+    seed: int = 0,
+) -> PoseResult:
+    """The pose of one object that was found in each of several photos, in the first one's camera."""
+    answer = model.pose(photos, intrinsics=intrinsics, relative_poses=relative_poses, segmenter=targets, seed=seed)
+    return with_score(answer, min(targets, key=lambda target: target.score))
