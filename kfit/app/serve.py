@@ -14,9 +14,10 @@ from tempfile import TemporaryDirectory, gettempdir
 from threading import Event
 from typing import Any
 
-from kfit.app.session import Sessions
+from kfit.app.sessions import Sessions
 from kfit.app.uploads import LARGEST_FILE
 from kfit.core.check import check_count
+from kfit.runtime.browser import has_screen
 
 LOOPBACK = ("127.0.0.1", "localhost")
 # Whatever the page's scripts try, the browser asks nobody but this server. Gradio builds its templates by `Function`.
@@ -84,7 +85,8 @@ def serve(host: str, port: int | None) -> None:
         from starlette.middleware import Middleware
         from starlette.middleware.trustedhost import TrustedHostMiddleware
 
-        from kfit.app.page import HERE, page
+        from kfit.app.layout import HERE
+        from kfit.app.page import page
 
         middleware = [Middleware(OnlySelf)]
         if host in LOOPBACK:  # a name that a stranger points here is no name of this machine
@@ -115,7 +117,7 @@ def serve(host: str, port: int | None) -> None:
             asked = "7860 and the hundred after it" if port is None else str(port)
             raise OSError(f"port {asked} of {host} cannot be had; name a free one by --port") from error
         print(f"kfit: open {address} in a browser; Ctrl-C ends it", file=sys.stderr, flush=True)
-        if host in LOOPBACK and _has_screen():
+        if host in LOOPBACK and has_screen():
             webbrowser.open(address)
         signal.signal(signal.SIGTERM, signal.default_int_handler)
         try:
@@ -155,7 +157,3 @@ def _runs(process: int) -> bool:
     except PermissionError:  # it is somebody else's
         pass
     return True
-
-
-def _has_screen() -> bool:
-    return sys.platform in ("darwin", "win32") or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY")))

@@ -51,10 +51,19 @@ def checked(path: Path, read: Callable[[Path], Read]) -> Read:
         raise ValueError(str(error).replace(str(path), path.name)) from error
 
 
-def _measure(path: Path) -> None:
+def check_size(path: Path) -> None:
+    """Refuse a file of more than 64 MB.
+
+    Raises:
+        ValueError: naming it.
+    """
     size = path.stat().st_size
     if size > LARGEST_FILE:
         raise ValueError(f"{path} has {size / 2**20:.1f} MB; the page takes pictures of at most {LARGEST_FILE >> 20}")
+
+
+def _measure(path: Path) -> None:
+    check_size(path)
     kinds = [kind for kind in KINDS if kind != "HEIF"]
     if is_heif(path):
         register_heif()

@@ -6,12 +6,15 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from queue import SimpleQueue
 from threading import Event, Thread
+from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from kfit.core import Callback, FitState, Generator
+from kfit.geometry import Crop
 from kfit.models.find_poses import pose_of
 from kfit.pose import CategoryModel, PoseResult
 from kfit.pose.object_finder import FoundObject
@@ -28,7 +31,9 @@ class Drawn:
         num_starts: how many starts are still on their way.
         energy: the least so far.
         drawing: (S, S, 3) in [0, 1], of the start that reached it.
+        silhouette: (S, S) in [0, 1], where the drawing shows the object; None where the generator does not tell.
         observed: (S, S, 3), what it is to explain.
+        crop: the square of the photo that it shows.
     """
 
     step: int
@@ -36,7 +41,9 @@ class Drawn:
     num_starts: int
     energy: float
     drawing: NDArray[np.float32]
+    silhouette: NDArray[np.float32] | None
     observed: NDArray[np.float32]
+    crop: Crop
 
 
 class _Left(Exception):  # noqa: N818
@@ -48,13 +55,13 @@ class Watching(Callback):
 
     Args:
         generator: of the fit.
-        observed: (S, S, 3), what is fitted.
+        observed: what is fitted.
         tell: is handed each `Drawn`.
         left: once set, the fit breaks off at its next step.
     """
 
     def __init__(
-        self, generator: Generator, observed: NDArray[np.float32], tell: Callable[[Drawn], None], left: Event
+        self, generator: Generator, observed: ObservedObject, tell: Callable[[Drawn], None], left: Event
     ) -> None:
         self.generator, self.observed, self.tell, self.left = generator, observed, tell, left
 
@@ -64,16 +71,32 @@ class Watching(Callback):
         if len(state.problem):
             best = int(state.best_energy.argmin())
             with torch.no_grad():
-                image = self.generator(
-                    **{name: rows[best : best + 1] for name, rows in state.best_values.items()}
-                ).image
-            drawing = image[0].movedim(0, -1).float().clamp(0, 1).cpu().numpy()
-            energy = float(state.best_energy[best])
-            self.tell(Drawn(state.step, state.num_steps, len(state.problem), energy, drawing, self.observed))
+                rendering = self.generator(
+                    **{name: rows[best : best + 1] for name, rows in state.best_values.items()},
+                    **self.generator.prepare(self.observed.observation),
+                )
+            self.tell(
+                Drawn(
+                    step=state.step,
+                    num_steps=state.num_steps,
+                    num_starts=len(state.problem),
+                    energy=float(state.best_energy[best]),
+                    drawing=_picture(rendering.image),
+                    silhouette=None if rendering.mask is None else rendering.mask[0, 0].float().cpu().numpy(),
+                    observed=_picture(self.observed.observation.field("image")),
+                    crop=self.observed.crop,
+                )
+            )
         return state
 
 
-def watched(model: CategoryModel, photo: Photo, target: FoundObject) -> Iterator[Drawn | PoseResult]:
+def watched(
+    model: CategoryModel,
+    photo: Photo,
+    target: FoundObject,
+    intrinsics: NDArray[np.float64] | None = None,
+    depth: NDArray[np.float32] | None = None,
+) -> Iterator[Drawn | PoseResult]:
     """The fit of `kfit pose`, in a thread beside: one `Drawn` a step, at last the result.
 
     Whoever stops iterating ends the fit.
@@ -82,20 +105,21 @@ def watched(model: CategoryModel, photo: Photo, target: FoundObject) -> Iterator
         model: of the object's category.
         photo: that is looked at.
         target: the object in it.
+        intrinsics, depth: as `kfit.pose.CategoryModel.pose` takes them.
 
     Raises:
         ValueError, FitError: as `kfit.pose.CategoryModel.pose`.
     """
     events: SimpleQueue[Drawn | PoseResult | BaseException] = SimpleQueue()
     left = Event()
-    observed = ObservedObject.of(photo, model.card.category, model.image_size, segmenter=target)
-    picture = observed.observation.image[0].movedim(0, -1).numpy()
-    pipeline = model.pipeline(lens_known=observed.lens_known)
-    watching = Watching(pipeline.generator, picture, events.put, left)
+    given: dict[str, Any] = {"intrinsics": intrinsics, "depth": depth}
+    observed = ObservedObject.of(photo, model.card.category, model.image_size, segmenter=target, **given)
+    pipeline = model.pipeline(depth=depth is not None, lens_known=observed.lens_known)
+    watching = Watching(pipeline.generator, observed, events.put, left)
 
     def fit() -> None:
         try:
-            events.put(pose_of(model, photo, target, pipeline=pipeline, callbacks=[watching]))
+            events.put(pose_of(model, photo, target, pipeline=pipeline, callbacks=[watching], **given))
         except BaseException as error:  # whatever it is, it is told to those who wait
             events.put(error)
 
@@ -112,3 +136,8 @@ def watched(model: CategoryModel, photo: Photo, target: FoundObject) -> Iterator
     finally:
         left.set()
         thread.join()
+
+
+def _picture(images: Tensor) -> NDArray[np.float32]:
+    picture: NDArray[np.float32] = images[0].movedim(0, -1).float().clamp(0, 1).cpu().numpy()
+    return picture

@@ -12,7 +12,8 @@ from jsonargparse import ArgumentError, ArgumentParser, Namespace
 from kfit import __version__
 from kfit.bench import calibrate
 from kfit.bench import command as bench
-from kfit.cli import app, completion, evaluate, export, info, pack, pose, video
+from kfit.cli import app, completion, demo, evaluate, export, info, pack, pose, video
+from kfit.cli.did_you_mean import suggestion
 from kfit.runtime.console import ENDINGS, add_general_options, session
 from kfit.runtime.help_page import HelpPage, tree
 from kfit.runtime.parse_errors import sentence
@@ -24,6 +25,7 @@ TRAINING = {
     "predict": "Fit a whole data set as a recipe says.",
 }
 COMMANDS = {
+    "demo": demo,
     "pose": pose,
     "video": video,
     "app": app,
@@ -37,7 +39,8 @@ COMMANDS = {
 }
 MOST = 10**9
 EXAMPLES = """examples:
-  kfit pose photo.jpg --category mug --box 120 80 300 260
+  kfit demo
+  kfit pose photo.jpg --open
   kfit fit -c recipes/smoke.yaml
   kfit info
 
@@ -138,7 +141,9 @@ def main(args: Sequence[str] | None = None) -> None:
             key = message.partition(" ")[0].replace("_", "-")
             option = any(f"--{key}" in part._option_string_actions for part in tree(top))
             reason = f"--{key}{message[len(key) :]}" if option else message
-            raise ValueError(f"{reason}; `{' '.join(['kfit', *named])} --help` tells more") from None
+            raise ValueError(
+                f"{reason};{suggestion(words, top, TRAINING)} `{' '.join(['kfit', *named])} --help` tells more"
+            ) from None
         chosen: Namespace = arguments[arguments.subcommand]
         values = chosen[chosen.subcommand] if "subcommand" in chosen else chosen
         check_numbers(values)

@@ -9,6 +9,7 @@ import json
 import shlex
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,7 +21,7 @@ from kfit.cli.object_arguments import camera_of
 from kfit.cli.photo_files import photo_files
 from kfit.cli.pose_arguments import parser
 from kfit.cli.pose_views import answer_views, read_poses
-from kfit.runtime.console import log, progress, see_working_folder, table_console
+from kfit.runtime.console import log, progress, see_working_folder, status, table_console
 
 if TYPE_CHECKING:
     from kfit.pose import CategoryModel, PoseResult
@@ -36,11 +37,12 @@ def run(args: Namespace) -> None:
     """Answer, write the files, and print."""
     photos = photo_files(args.photo)
     _check(args, photos)
-    from kfit.models import load
-    from kfit.pose.object_finder import ObjectFinder
-    from kfit.pose.targets import find_targets
-    from kfit.runtime.devices import device_of, precision
-    from kfit.segmentation import depth_from_file, load_segmenter, mask_from_file, read_photo
+    with status("Loading kfit …"):
+        from kfit.models import load
+        from kfit.pose.object_finder import ObjectFinder
+        from kfit.pose.targets import find_targets
+        from kfit.runtime.devices import device_of, precision
+        from kfit.segmentation import depth_from_file, load_segmenter, mask_from_file, read_photo
 
     if args.animation is not None:
         from kfit.reports.animation import check_suffix
@@ -65,7 +67,8 @@ def run(args: Namespace) -> None:
             photo = read_photo(name)
             mask = None if args.mask is None else mask_from_file(args.mask[number], photo.image.shape[:2])
             box = None if args.box is None else tuple(args.box[number])
-            targets = find_targets(photo, category, mask, box, segmenter, finder)
+            with status(f"Looking for objects in {name} …") if len(photos) == 1 else nullcontext():
+                targets = find_targets(photo, category, mask, box, segmenter, finder)
         except (ValueError, OSError) as error:
             if len(photos) == 1 or name in str(error):
                 raise
@@ -186,7 +189,10 @@ def _report(args: Namespace, answers: dict[str, list[PoseResult]]) -> None:
         raise ValueError(f"no {what} was found in {where}; --box X Y W H or --mask FILE tells where one is")
     from kfit.cli import answer_files
     from kfit.reports import describe
+    from kfit.runtime.browser import open_files
 
+    if args.open and args.report is None and len(results) == 1:
+        args.report = str(Path(args.out) / "report.html")
     pictures = answer_files.write(answers, Path(args.out), pages(results, args))
     if args.json:
         print(json.dumps(answer_files.document(answers)))
@@ -195,6 +201,8 @@ def _report(args: Namespace, answers: dict[str, list[PoseResult]]) -> None:
     else:
         table_console(WIDTH).print(answer_files.table(answers))
         print(*pictures, sep="\n")
+    if args.open:
+        open_files([Path(args.report)] if args.report is not None else pictures)
 
 
 def pages(results: Sequence[PoseResult], args: Namespace) -> dict[str, Callable[[Path], object]]:

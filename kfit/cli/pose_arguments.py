@@ -19,7 +19,7 @@ def parser() -> ArgumentParser:
         description="Find the poses of the bottles, bowls, cameras, cans, laptops and mugs in a photo, without CAD "
         "models of them: writes DIR/pose.json and DIR/overlay.png and prints a line, or a table of several objects.",
         epilog="""examples:
-  kfit pose photo.jpg
+  kfit pose photo.jpg --open
   kfit pose photo.jpg --category mug --box 120 80 300 260
   kfit pose holiday/ --category cup --segmenter yolo11n-seg.onnx
   kfit pose cutout.png --category laptop --intrinsics 1450 1450 960 540 --json
@@ -110,6 +110,12 @@ def parser() -> ArgumentParser:
     fit.add_argument("--seed", type=int, default=0, help="decides the random numbers")
     output = parser.add_argument_group("output")
     output.add_argument("--out", type=str, default="kfit_out", help="folder to write to", metavar="DIR")
+    output.add_argument(
+        "--open",
+        action="store_true",
+        help="show the answer in a browser: the page of --report, DIR/report.html unless named, or the pictures of "
+        "several objects",
+    )
     output.add_argument("--json", action="store_true", help="print the JSON instead of the line")
     output.add_argument(
         "--report", type=str, default=None, metavar="FILE.html", help="write a page about the fit as well"

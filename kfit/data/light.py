@@ -11,11 +11,17 @@ from kfit.core.check import check_range
 
 @dataclass(frozen=True)
 class Light:
-    """Light fixed in the object's frame: all views of one object then agree, and a code can explain the shading.
+    """Light fixed in the object's frame, so that all views of one object agree and a code can explain the shading.
 
     ``ambient`` (3,) is the light from all sides (a quarter stronger from above, weaker from below), ``directions``
     (L, 3) unit vectors that point to the lamps, ``colors`` (L, 3) their RGB strengths, ``specular`` the strength and
     ``shininess`` the exponent of Blinn–Phong highlights.
+
+    Example:
+        >>> import numpy as np
+        >>> from kfit.data import Light
+        >>> Light.random(np.random.default_rng(0)).directions.shape[1]
+        3
     """
 
     ambient: np.ndarray
@@ -30,7 +36,7 @@ class Light:
 
     @staticmethod
     def random(rng: np.random.Generator) -> Light:
-        """Draw a room: a main lamp and often a weaker one, warm or cold, with a random ambient share.
+        """Draw a random room: a main lamp and often a weaker one, warm or cold, with a random ambient fraction.
 
         The lamps of two rooms in three are above the upright object; the others' are on any side of it, as a lying or
         inverted object has them.
@@ -55,7 +61,7 @@ class Light:
         )
 
     def shade(self, albedo: np.ndarray, normal: np.ndarray, view: np.ndarray, exposure: np.ndarray) -> np.ndarray:
-        """Colour (…, 3) of surface points that face the viewer.
+        """Return the colour (…, 3) of surface points that face the viewer.
 
         ``c = a·e·(A·(1 + n_y/4) + Σ_l C_l·max(0, n·d_l)) + e²·k·Σ_l C_l·max(0, n·h_l)^s`` with albedo ``a``, exposure
         ``e``, ambient ``A``, lamps ``C_l, d_l`` and half vectors ``h_l``; ``n`` is turned to the viewer first, so that

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from kfit.geometry import EDGES, Crop, box_corners, project
+from kfit.reports.words import Level, confidence_level
 
 Picture = NDArray[np.uint8]
 Colour = tuple[int, int, int]
@@ -19,6 +20,7 @@ Colour = tuple[int, int, int]
 # Of the photo's longer side as shown: larger photos shrink, smaller ones grow until a label can be read.
 LARGEST, SMALLEST = 1280, 480
 BOX, OUTLINE, INK, PAPER = (255, 176, 0), (255, 255, 255), (30, 30, 30), (255, 255, 255)
+LEVELS: dict[Level, Colour] = {"high": (95, 220, 120), "medium": (255, 192, 105), "low": (255, 110, 100)}
 AXES = (("x", (230, 40, 40)), ("y", (30, 170, 60)), ("z", (40, 90, 240)))
 # Of a video's frame: encoding 640 pixels takes about as long as following.
 LARGEST_FRAME = 640
@@ -110,16 +112,19 @@ def draw_frame(
     caption: str,
     pose: tuple[Any, Any, Any, Any] | None = None,
     outline: tuple[NDArray[np.float32], Crop] | None = None,
+    confidence: float | None = None,
 ) -> Picture:
     """Draw a pose on its frame of a video.
 
-    The frame is shown 480 to 640 pixels long, with sides of even numbers, as videos need them.
+    The frame is shown 480 to 640 pixels long, with sides of even numbers, as videos need them. A bar along its lower
+    edge shows the confidence; bar and outline are green where it is high, amber, and red where it is low.
 
     Args:
         image: (H, W, 3) array or tensor, RGB in [0, 1].
         caption: a few words for the upper left corner.
         pose: rotation, translation, size and intrinsics, arrays or tensors as `draw_overlay` takes them.
         outline: silhouette (S, S) of the drawing, above 1/2 on the object, in the pixels of the crop beside it.
+        confidence: of the pose, in [0, 1].
 
     Returns:
         (height, width, 3) RGB bytes.
@@ -133,11 +138,16 @@ def draw_frame(
     if outline is not None:
         silhouette, crop = outline
         to_shown = (move @ crop.crop_to_image).numpy()[:2]
-        _draw_outline(shown, cv2.warpAffine(silhouette, to_shown, (shown.shape[1], shown.shape[0])), thick)
+        color = OUTLINE if confidence is None else LEVELS[confidence_level(confidence)]
+        _draw_outline(shown, cv2.warpAffine(silhouette, to_shown, (shown.shape[1], shown.shape[0])), thick, color)
     if pose is not None:
         rotation, translation, size, intrinsics = (torch.as_tensor(part).double() for part in pose)
         _draw_pose(shown, rotation, translation, size, move @ intrinsics, thick)
     _write(shown, caption, thick)
+    if confidence is not None:
+        high, wide = round(5 * thick), round(confidence * shown.shape[1])
+        shown[-high:] = INK
+        shown[-high:, :wide] = LEVELS[confidence_level(confidence)]
     return shown
 
 
@@ -178,13 +188,13 @@ def _draw_pose(
         _tag(photo, name, ends[k + 1], colour, thick)
 
 
-def _draw_outline(photo: Picture, mask: NDArray[np.float32], thick: float) -> None:
+def _draw_outline(photo: Picture, mask: NDArray[np.float32], thick: float, color: Colour = OUTLINE) -> None:
     large = cv2.resize(mask, (photo.shape[1], photo.shape[0]), interpolation=cv2.INTER_LINEAR)
     outlines, _ = cv2.findContours((large > 0.5).astype(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
     rim, line = photo.copy(), max(1, round(thick))
     cv2.polylines(rim, outlines, True, INK, line + 2, cv2.LINE_AA)  # or it is lost on a white object
     cv2.addWeighted(rim, 0.6, photo, 0.4, 0, dst=photo)
-    cv2.polylines(photo, outlines, True, OUTLINE, line, cv2.LINE_AA)
+    cv2.polylines(photo, outlines, True, color, line, cv2.LINE_AA)
 
 
 def _line(picture: Picture, start: Tensor, end: Tensor, colour: Colour, thick: float) -> None:

@@ -89,6 +89,18 @@ def progress() -> Progress:
     return Progress(console=Console(stderr=True), disable=silent, transient=True)
 
 
+@contextmanager
+def status(text: str) -> Iterator[None]:
+    """A line that moves on stderr while something is done that has no steps; silent where `progress` is."""
+    from rich.console import Console
+
+    if not sys.stderr.isatty() or not log.isEnabledFor(logging.WARNING):
+        yield
+        return
+    with Console(stderr=True).status(text):
+        yield
+
+
 def table_console(width: int) -> Console:
     """Where tables are printed: as wide as the terminal, or of that width where stdout is none."""
     from rich.console import Console

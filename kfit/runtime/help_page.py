@@ -1,4 +1,4 @@
-"""How ``--help`` looks: a short usage line, examples on lines of their own, and a default for every option."""
+"""How ``--help`` looks: a short usage line, examples on lines of their own, and the default of each option."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ FLAGS = {"false": "no", "true": "yes"}
 class HelpPage(DefaultHelpFormatter):
     """jsonargparse's page, for readers who do not know Python.
 
-    Text is wrapped by paragraphs, and lines that begin with two spaces stay as they are. An option whose help does not
-    tell its default gets it in parentheses.
+    Text is wrapped by paragraphs, and lines that begin with two spaces stay as they are. A default that an option's
+    help does not name is added to it in parentheses.
     """
 
     def __init__(self, prog: str, *args: Any, **kwargs: Any) -> None:
@@ -71,14 +71,14 @@ class HelpPage(DefaultHelpFormatter):
             return text
         if action.required:
             return f"{text} (required)"
+        if action.default is None:
+            return text
         default = _spelled(action.default)
         return f"{text} (default: {FLAGS[default] if action.nargs == 0 else default})"
 
 
 def _spelled(default: object) -> str:
     """As it would be said on the command line."""
-    if default is None:
-        return "none"
     if isinstance(default, bool):
         return str(default).lower()
     if isinstance(default, list):

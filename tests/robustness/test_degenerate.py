@@ -17,7 +17,7 @@ SQUARE[15:45, 25:55] = 1
 def test_a_picture_of_one_colour_is_answered_without_confidence(category: str, colour: float, mask: np.ndarray) -> None:
     answer = kfit.load(category).pose(np.full((60, 80, 3), colour, np.float32), mask=mask)
     assert answer.confidence <= 0.5
-    assert any(note.startswith("the object shows one colour") for note in answer.notes)
+    assert any(note.startswith("the object has one colour") for note in answer.notes)
     assert np.isfinite(answer.rotation).all()
     assert np.isfinite(answer.translation).all()
 
@@ -25,7 +25,7 @@ def test_a_picture_of_one_colour_is_answered_without_confidence(category: str, c
 def test_colours_that_differ_a_little_are_not_called_one() -> None:
     rng = np.random.default_rng(0)
     answer = kfit.load("mug").pose(rng.uniform(0.4, 0.6, (60, 80, 3)).astype(np.float32), mask=SQUARE)
-    assert not any(note.startswith("the object shows one colour") for note in answer.notes)
+    assert not any(note.startswith("the object has one colour") for note in answer.notes)
 
 
 YY, XX = np.mgrid[:60, :80]

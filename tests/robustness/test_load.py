@@ -160,7 +160,7 @@ class TestNothingIsLeftBehind:
     @pytest.mark.slow
     @pytest.mark.parametrize("count", [40, MANY])
     def test_by_uploads_of_visitors_who_come_and_go(self, photos, count, scratch, tmp_path):
-        from kfit.app.session import MOST_SESSIONS, Sessions
+        from kfit.app.sessions import MOST_SESSIONS, Sessions
 
         kept = io.BytesIO()
         rgba = np.concatenate([photos[0].image, photos[0].mask[..., None]], 2)
