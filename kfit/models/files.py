@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib
 import io
 import json
-import math
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -15,12 +14,11 @@ import torch
 from safetensors import SafetensorError
 from safetensors.torch import load, save
 from torch import Tensor, nn
-from torch.overrides import TorchFunctionMode
 
 from kfit.core import Encoder, Generator
 from kfit.generators import ExtentsHead
 from kfit.geometry import PoseNetwork
-from kfit.models.network_limits import check_arguments, check_drawing
+from kfit.models.network_limits import LimitedSize, check_arguments, check_drawing
 from kfit.pose.card import LARGEST, NETWORKS, OPTIONAL, Card
 from kfit.runtime.atomic_write import atomic_write
 from kfit.runtime.class_paths import current_paths
@@ -48,8 +46,6 @@ OWN = {
     ],
     "kfit.baselines": ["CoordinateRegressor", "OrientationRegressor"],
 }
-# Functions that allocate the parameters of layers.
-MAKERS = (torch.empty, torch.zeros, torch.ones, torch.rand, torch.randn, torch.full)
 # Numbers that networks may have beyond the file's: constants that are not stored, and a margin.
 ROOM = 16_000_000
 # Key of the card in the metadata. Files of version 0.1 lack it; their card is NAME.json in the same folder.
@@ -210,7 +206,7 @@ def _filled(settings: Any, name: str, numbers: Mapping[Any, Any], path: Path) ->
         raise ValueError(f"{path} holds something else than tensors for the {name}")
     try:
         # The constructor's random numbers are replaced by the file's; the caller's random state is not changed.
-        with torch.random.fork_rng([]), _Limited(ROOM + 4 * sum(tensor.numel() for tensor in own.values())):
+        with torch.random.fork_rng([]), LimitedSize(ROOM + 4 * sum(tensor.numel() for tensor in own.values())):
             if kind.__module__.startswith("kfit."):
                 check_arguments(settings.get("init_args", {}))
             network: nn.Module = kind(**settings.get("init_args", {}))
@@ -234,19 +230,3 @@ def _kind(class_path: str) -> Any:
     if module.split(".")[0] == "kfit":
         return getattr(importlib.import_module(module), kind) if kind in OWN.get(module, ()) else None
     return vars(sys.modules[module]).get(kind) if module in sys.modules else None
-
-
-class _Limited(TorchFunctionMode):
-    """Refuses tensors before they are allocated, if they would hold more than ``most`` numbers in total."""
-
-    def __init__(self, most: int) -> None:
-        super().__init__()
-        self.left = most
-
-    def __torch_function__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
-        if func in MAKERS:
-            shape = args[0] if args and isinstance(args[0], list | tuple) else args
-            self.left -= math.prod(side for side in shape if isinstance(side, int))
-            if self.left < 0:
-                raise ValueError("it would be far larger than its file")
-        return func(*args, **(kwargs or {}))

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
+import torch
 from torch import nn
+from torch.overrides import TorchFunctionMode
 
 from kfit.core.check import check_count
 
@@ -15,6 +18,8 @@ LARGEST_SIZE = 4096
 MOST_LAYERS = {"volume_dims": 6}
 MOST_LAYERS_ELSEWHERE = 9
 LARGEST_SIDE, MOST_SAMPLES = 1024, 2**24
+# Functions that allocate the parameters of layers.
+MAKERS = (torch.empty, torch.zeros, torch.ones, torch.rand, torch.randn, torch.full)
 
 
 def check_arguments(arguments: Any) -> None:
@@ -41,3 +46,19 @@ def check_drawing(network: nn.Module) -> None:
     side, samples = getattr(network, "image_size", 1), getattr(network, "num_samples", 1)
     check_count("image_size in a file", side, 1, LARGEST_SIDE)
     check_count("image_size² · num_samples in a file", side**2 * samples, 1, MOST_SAMPLES)
+
+
+class LimitedSize(TorchFunctionMode):
+    """Refuses tensors before they are allocated, if they would hold more than ``most`` numbers in total."""
+
+    def __init__(self, most: int) -> None:
+        super().__init__()
+        self.left = most
+
+    def __torch_function__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+        if func in MAKERS:
+            shape = args[0] if args and isinstance(args[0], list | tuple) else args
+            self.left -= math.prod(side for side in shape if isinstance(side, int))
+            if self.left < 0:
+                raise ValueError("it would be far larger than its file")
+        return func(*args, **(kwargs or {}))
