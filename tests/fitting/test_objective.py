@@ -101,8 +101,8 @@ def test_there_are_no_residuals_where_no_term_has_a_weight():
 def test_the_rendering_is_what_was_drawn():
     told = objective({"l2": L2()}, {"l2": 1.0})
     seen = told(RAW, PROBLEM)
-    torch.testing.assert_close(seen.rendering.image, told.generator(**seen.values).image)
-    assert told.num_evaluations == 3
+    torch.testing.assert_close(seen.rendering.image, told.prepared.generator(**seen.values).image)
+    assert told.prepared.num_evaluations == 3
 
 
 @pytest.mark.parametrize("need", ["value", "residuals", "gradient"])
@@ -111,11 +111,11 @@ def test_rows_are_drawn_in_even_chunks_and_none_notices(need, chunk):
     terms, weights = {"l2": L2(), "prior": CodePrior("shift")}, {"l2": 1.0, "prior": 0.1}
     at_once, drawn = objective(terms, weights), []
     in_parts = objective(terms, weights)
-    in_parts.chunk = chunk
-    in_parts.generator.register_forward_hook(lambda module, given, found: drawn.append(len(found.image)))
+    in_parts.prepared.chunk = chunk
+    in_parts.prepared.generator.register_forward_hook(lambda module, given, found: drawn.append(len(found.image)))
     whole, parts = at_once(RAW, PROBLEM, need), in_parts(RAW, PROBLEM, need)
     assert max(drawn) <= chunk
-    assert sum(drawn) == in_parts.num_evaluations == 3
+    assert sum(drawn) == in_parts.prepared.num_evaluations == 3
     for name, tensor in vars(whole).items():
         if name == "rendering":
             torch.testing.assert_close(parts.rendering.image, tensor.image)
