@@ -62,7 +62,7 @@ class OrientationRegressor(nn.Module):
             nn.Linear(hidden_dim, 6),
         )  # fmt: skip
         read_old_weights(self)
-        # Convolutions are twice as fast in this layout on a CPU.
+        # This layout makes convolutions 2 × as fast on a CPU.
         self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
     def fill(self, weights: str) -> None:
