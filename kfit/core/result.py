@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, fields, replace
 
 import torch
@@ -77,6 +78,10 @@ class FitResult:
     def __len__(self) -> int:
         """B, the number of problems."""
         return len(self.energy)
+
+    def __iter__(self) -> Iterator[FitResult]:
+        """The problems one by one."""
+        return (self[problem] for problem in range(len(self)))
 
     def __getitem__(self, problem: int) -> FitResult:
         """One problem, which becomes problem 0 of the result: winner, starts, history and dropped rows.

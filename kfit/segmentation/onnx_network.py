@@ -142,8 +142,8 @@ class OnnxNetwork:
             (shape,) = (output.shape for output in self.outputs if output.name == name)
             sides = zip(shape, np.shape(part), strict=False)
             if np.ndim(part) != len(shape) or any(side not in (None, came) for side, came in sides):
-                sides = ", ".join("?" if side is None else str(side) for side in shape)
-                raise ValueError(f"{self.path} gave {name} of shape {np.shape(part)}, its file declares ({sides})")
+                declared = ", ".join("?" if side is None else str(side) for side in shape)
+                raise ValueError(f"{self.path} gave {name} of shape {np.shape(part)}, its file declares ({declared})")
             if np.size(part) > MOST_NUMBERS:
                 raise ValueError(
                     f"{self.path} gave {name} of shape {np.shape(part)}, more than {MOST_NUMBERS:,} numbers"
