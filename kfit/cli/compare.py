@@ -18,7 +18,7 @@ def parser() -> ArgumentParser:
         "views; write their curves as a picture.",
         epilog="example:\n  kfit compare lightning_logs/version_0 lightning_logs/version_1 --curves curves.png",
     )
-    parser.add_argument("runs", type=str, nargs="+", metavar="RUN", help="folders such as lightning_logs/version_0")
+    parser.add_argument("folders", type=str, nargs="+", metavar="RUN", help="folders such as lightning_logs/version_0")
     parser.add_argument("--curves", type=str, default=None, metavar="FILE", help="a .png, .svg or .pdf file to write")
     return parser
 
@@ -33,7 +33,7 @@ def run(args: Namespace) -> None:
     from kfit.reports.training_runs import TrainingRun, differences, measures, training_curves
     from kfit.runtime.atomic_write import atomic_write
 
-    runs = [TrainingRun.of(folder) for folder in dict.fromkeys(args.runs)]
+    runs = [TrainingRun.of(folder) for folder in dict.fromkeys(args.folders)]
     header = [Column(run.name, overflow="fold") for run in runs]
     console = table_console(60 + 30 * len(runs))
     if len(runs) > 1:

@@ -12,9 +12,10 @@ from torch.utils.data import DataLoader, Dataset
 
 from kfit.data import shapes
 from kfit.data.exposure import with_exposure
+from kfit.data.light import Light
 from kfit.data.mesh import Mesh
 from kfit.data.mesh_places import MeshFile
-from kfit.data.rasterizer import Light, pose_view
+from kfit.data.rasterizer import pose_view
 from kfit.geometry import Category
 from kfit.runtime.devices import cores, on_one_core
 

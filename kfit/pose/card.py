@@ -113,27 +113,28 @@ class Card:
         if len(text) > LARGEST:
             raise ValueError(f"{path} holds no model card: it has {len(text):,} characters, more than {LARGEST:,}")
         try:
-            said = json.loads(text)
+            content = json.loads(text)
         except (ValueError, RecursionError) as error:
             raise ValueError(f"{path} holds no model card: {error}") from None
         names = {f.name for f in fields(Card)}
-        if isinstance(said, dict):
+        if isinstance(content, dict):
             # Older cards have no calibration, and only the name of their category.
-            own = CATEGORIES.get(str(said.get("category")))
-            told = {} if own is None else Card.fields_of(own)
-            said = {"calibration": {}, **{name: told[name] for name in told if name not in said}, **said}
-        if not isinstance(said, dict) or set(said) != names or said["format"] != FORMAT:
+            own = CATEGORIES.get(str(content.get("category")))
+            filled = {} if own is None else Card.fields_of(own)
+            filled = {name: value for name, value in filled.items() if name not in content}
+            content = {"calibration": {}, **filled, **content}
+        if not isinstance(content, dict) or set(content) != names or content["format"] != FORMAT:
             raise ValueError(
                 f"{path} holds no model card of format {FORMAT}: it must have just {', '.join(sorted(names))}"
             )
         try:
-            check_dict("calibration", said["calibration"], _anything)
-            check_names("calibration", said["calibration"], KINDS)
-            calibration = {kind: Calibration.of(one) for kind, one in said["calibration"].items()}
+            check_dict("calibration", content["calibration"], _anything)
+            check_names("calibration", content["calibration"], KINDS)
+            calibration = {kind: Calibration.of(one) for kind, one in content["calibration"].items()}
         except (ValueError, TypeError) as error:
             raise ValueError(f"{path} holds a calibration that cannot be used: {error}") from None
         try:
-            card = Card(**{**said, "calibration": calibration})
+            card = Card(**{**content, "calibration": calibration})
         except (ValueError, TypeError) as error:
             raise ValueError(f"{path} holds a model card that cannot be used: {error}") from None
         return card

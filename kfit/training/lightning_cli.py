@@ -21,7 +21,7 @@ from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger
 
 from kfit.data import ViewsDataModule, read_category
 from kfit.geometry.categories import CATEGORIES, Category
-from kfit.runtime.class_paths import current_path, current_paths, read_old_paths
+from kfit.runtime.class_paths import current_paths, current_word, read_old_paths
 from kfit.runtime.console import see_working_folder, session
 from kfit.runtime.help_page import HelpPage
 from kfit.runtime.parse_errors import sentence
@@ -75,11 +75,11 @@ class _CLI(LightningCLI):
                 super().parse_arguments(parser, args)
         except (ArgumentError, TypeError) as error:
             command = " ".join(["kfit", *(word for word in args[:1] if word in COMMANDS)])
-            told = sentence(str(error))
-            if told.startswith("Problems parsing config"):  # the message lacks the file
+            message = sentence(str(error))
+            if message.startswith("Problems parsing config"):  # the message lacks the file
                 recipes = [name for option, name in pairwise(args) if option in ("-c", "--config")]
-                told = f"{', '.join(recipes)}: {told}"
-            raise ValueError(f"{told}; `{command} --help` shows the usage") from None
+                message = f"{', '.join(recipes)}: {message}"
+            raise ValueError(f"{message}; `{command} --help` shows the usage") from None
 
     def instantiate_classes(self) -> None:
         """Build the parts; errors become one sentence."""
@@ -107,11 +107,11 @@ class _CLI(LightningCLI):
 
         A fit with a logger of any kind logs its learning rate, and pictures where the model draws some.
         """
-        said = self._get(self.config_init, "trainer", default={})
-        logger, callbacks = said.get("logger"), said.get("callbacks") or []
-        if logger in (None, True) and self.subcommand != "predict" and not said.get("barebones"):
+        settings = self._get(self.config_init, "trainer", default={})
+        logger, callbacks = settings.get("logger"), settings.get("callbacks") or []
+        if logger in (None, True) and self.subcommand != "predict" and not settings.get("barebones"):
             # The first one finds the number of the version, and minds a folder that is not empty.
-            table = self._table(said.get("default_root_dir") or os.getcwd())
+            table = self._table(settings.get("default_root_dir") or os.getcwd())
             board = TensorBoardLogger(table.save_dir, table.name, table.version, default_hp_metric=False)
             logger = kwargs["logger"] = [table, board]
         if self.subcommand == "fit":
@@ -208,7 +208,7 @@ def run(words: Sequence[str], callbacks: Sequence[Callback] = ()) -> None:
                 for name, example in COMMANDS.items()
             },
         },
-        args=[current_path(word) for word in words],
+        args=[current_word(word) for word in words],
     )
 
 
