@@ -9,21 +9,30 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 FLAGS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
+# They run the detector, or all of a fit.
+SLOW = ("kfit.models.find_poses", "kfit.pose.object_finder")
 MODULES = [
-    ".".join(file.relative_to(ROOT).with_suffix("").parts)
+    pytest.param(name, marks=pytest.mark.slow if name in SLOW else ())
     for file in sorted((ROOT / "kfit").rglob("*.py"))
     if ">>> " in file.read_text()
+    for name in [".".join(file.relative_to(ROOT).with_suffix("").parts)]
 ]
 ROOMS = [
     "core",
     "energies",
+    "features",
     "fitting",
     "generators",
     "geometry",
     "initializers",
+    "metrics",
+    "models",
     "optimizers",
+    "pose",
+    "registration",
     "selectors",
     "callbacks",
+    "tracking",
 ]
 
 
