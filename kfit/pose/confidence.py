@@ -20,6 +20,8 @@ DOUBTFUL = 0.5
 # Weight of the prior on an unknown lens in the energy. It is independent of the pose: not used for ranking or
 # calibration.
 LENS_WEIGHT = 0.05
+# How the sentence on a confidence begins that is no probability.
+UNCALIBRATED = "confidence not calibrated"
 # Factor of covariances where a card has none: what `kfit.pose.calibrating.covariance_factor` gives on 22 right answers
 # of 24 table views of unseen mugs (seed 7), the category whose covariances were furthest too small.
 UNMEASURED = 1.7
@@ -127,7 +129,7 @@ def confidence(
     if calibration is None:
         said, warning = (
             found[0].weight,
-            f"confidence not calibrated, as the model's card tells nothing of such fits: {share}",
+            f"{UNCALIBRATED}, as the model's card tells nothing of such fits: {share}",
         )
         if by_looks is not None and _looks_energy(fit, found[0].energy, by_looks) > by_looks.energy_99:
             said = min(said, DOUBTFUL)
@@ -137,7 +139,7 @@ def confidence(
         return said, warning
     told, energy = evidence(found, seen), found[0].energy
     if not calibration.covers(fit) or not set(calibration.coefficients) <= set(told):
-        return found[0].weight, f"confidence not calibrated for a fit in another way than the model's own: {share}"
+        return found[0].weight, f"{UNCALIBRATED} for a fit in another way than the model's own: {share}"
     said = calibration.probability(told)
     if energy > calibration.energy_99:
         return min(said, DOUBTFUL), (

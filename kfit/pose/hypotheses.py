@@ -20,7 +20,7 @@ from kfit.geometry import (
 )
 from kfit.geometry.clusters import WITHIN_DEG
 from kfit.pose.card import Card
-from kfit.pose.confidence import confidence
+from kfit.pose.confidence import UNCALIBRATED, confidence
 from kfit.pose.result import Alternative
 
 # An answer with a smaller fraction of the starts' weight, or of the pose head's probability, is ambiguous.
@@ -43,6 +43,11 @@ class PoseHypotheses(NamedTuple):
     confidence: float
     warning: str | None
     seen: float | None
+
+    @property
+    def calibrated(self) -> bool:
+        """Whether the confidence is a probability of being right."""
+        return self.warning is None or not self.warning.startswith(UNCALIBRATED)
 
 
 def hypotheses_of(

@@ -72,6 +72,7 @@ def interpret(
         bbox_xywh=(left, top, int(columns[-1]) + 1 - left, int(rows[-1]) + 1 - top),
         energy=float(fit.energy[0]),
         confidence=min(hypotheses.confidence, most),
+        calibrated=hypotheses.calibrated,
         ambiguous=hypotheses.ambiguity is not None,
         alternatives=hypotheses.alternatives,
         intrinsics=camera.numpy(),

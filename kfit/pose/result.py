@@ -57,6 +57,7 @@ class PoseResult:
         energy: of the winning start; lower is better.
         confidence: probability in [0, 1] that the rotation is within 20° of the truth, calibrated on held-out
             procedural views; if the model or the fit has no calibration, as a note then reports, the answer's weight.
+        calibrated: whether the confidence is such a probability.
         ambiguous: whether other poses explain the picture about as well; a note names one.
         alternatives: distinct poses, the answer first, then by weight.
         intrinsics: (3, 3) of the translation.
@@ -94,6 +95,7 @@ class PoseResult:
     bbox_xywh: tuple[int, int, int, int]
     energy: float
     confidence: float
+    calibrated: bool
     ambiguous: bool
     alternatives: list[Alternative]
     intrinsics: NDArray[np.float64]
@@ -174,6 +176,7 @@ class PoseResult:
             "bbox_xywh": list(self.bbox_xywh),
             "energy": self.energy,
             "confidence": self.confidence,
+            "calibrated": self.calibrated,
             "ambiguous": self.ambiguous,
             "alternatives": [
                 {"rotation": a.rotation.tolist(), "energy": a.energy, "weight": a.weight, "spread_deg": a.spread_deg}

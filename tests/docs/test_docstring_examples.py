@@ -19,6 +19,7 @@ MODULES = [
 ]
 ROOMS = [
     "core",
+    "data",
     "energies",
     "features",
     "fitting",
