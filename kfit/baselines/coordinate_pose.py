@@ -54,14 +54,14 @@ def pose_of_coordinates(
     known = (mask > 0.5).cpu().numpy() & np.isfinite(points).all(-1)
     if known.sum() < LEAST_POINTS:
         raise ValueError(f"depth: {known.sum()} pixels of the object have it, and at least {LEAST_POINTS} are needed")
-    told = coordinates.detach().cpu().double().movedim(0, -1).numpy()
-    size = float(points[known].std(0).sum() / max(told[known].std(0).sum(), 1e-9))
-    matrix = align(told[known], points[known], tolerance=TOLERANCE * size)
+    predicted = coordinates.detach().cpu().double().movedim(0, -1).numpy()
+    size = float(points[known].std(0).sum() / max(predicted[known].std(0).sum(), 1e-9))
+    matrix = align(predicted[known], points[known], tolerance=TOLERANCE * size)
     diagonal = float(np.cbrt(np.linalg.det(matrix[:3, :3])))
     pose = matrix.copy()
     pose[:3, :3] /= diagonal
     if refine:
-        posed = diagonal * told @ pose[:3, :3].T + pose[:3, 3]
+        posed = diagonal * predicted @ pose[:3, :3].T + pose[:3, 3]
         pose = _refined(posed, points, known, NEAR * size) @ pose
     return torch.from_numpy(pose[:3, :3].copy()), torch.from_numpy(pose[:3, 3].copy()), diagonal
 

@@ -140,8 +140,8 @@ class Clip(Frames):
             self._read, self._next = self._capture.read()
         self._capture.release()
         if self.count is not None and num < WHOLE * self.count:
-            told = f"{num} of the {self.count} frames that it announces could be read"
-            self.note = f"{self.path} is damaged or cut short: {told}"
+            message = f"{num} of the {self.count} frames that it announces could be read"
+            self.note = f"{self.path} is damaged or cut short: {message}"
 
 
 def changed(frame: str, size: tuple[int, int], first: tuple[int, int]) -> str:

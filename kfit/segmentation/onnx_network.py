@@ -109,13 +109,13 @@ class OnnxNetwork:
         Raises:
             ValueError: if they cannot be read.
         """
-        said = self._session.get_modelmeta().custom_metadata_map.get("names")
-        if said is None:
+        text = self._session.get_modelmeta().custom_metadata_map.get("names")
+        if text is None:
             return None
         try:
-            if len(said) > LONGEST_NAMES:
-                raise ValueError(f"{len(said):,} characters are too many")
-            found = ast.literal_eval(said)  # literals alone: nothing is run
+            if len(text) > LONGEST_NAMES:
+                raise ValueError(f"{len(text):,} characters are too many")
+            found = ast.literal_eval(text)  # literals alone: nothing is run
             return {int(number): str(name) for number, name in dict(found).items()}
         except (ValueError, SyntaxError, TypeError, RecursionError, MemoryError) as error:
             raise ValueError(f"{self.path} names its classes in a way that cannot be read: {_line(error)}") from None
@@ -142,8 +142,8 @@ class OnnxNetwork:
             (shape,) = (output.shape for output in self.outputs if output.name == name)
             sides = zip(shape, np.shape(part), strict=False)
             if np.ndim(part) != len(shape) or any(side not in (None, came) for side, came in sides):
-                told = ", ".join("?" if side is None else str(side) for side in shape)
-                raise ValueError(f"{self.path} gave {name} of shape {np.shape(part)}, its file declares ({told})")
+                declared = ", ".join("?" if side is None else str(side) for side in shape)
+                raise ValueError(f"{self.path} gave {name} of shape {np.shape(part)}, its file declares ({declared})")
             if np.size(part) > MOST_NUMBERS:
                 raise ValueError(
                     f"{self.path} gave {name} of shape {np.shape(part)}, more than {MOST_NUMBERS:,} numbers"

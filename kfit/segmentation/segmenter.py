@@ -52,15 +52,15 @@ def clipped(box: Box, width: int, height: int) -> tuple[int, int, int, int]:
         ValueError: if that part has less than 4 pixels a side.
     """
     x, y, across, down = box
-    said = f"box {spell(box)} (left, top, width, height)"
+    described = f"box {spell(box)} (left, top, width, height)"
     if not (across > 0 and down > 0 and all(map(math.isfinite, box))):
-        raise ValueError(f"{said} has no area; the picture has {width} x {height} pixels")
+        raise ValueError(f"{described} has no area; the picture has {width} x {height} pixels")
     left, right = max(0, round(x)), min(width, round(x + across))
     top, bottom = max(0, round(y)), min(height, round(y + down))
     if left >= right or top >= bottom:
-        raise ValueError(f"{said} lies outside the picture of {width} x {height} pixels")
+        raise ValueError(f"{described} lies outside the picture of {width} x {height} pixels")
     if min(right - left, bottom - top) < 4:
-        raise ValueError(f"{said} leaves less than 4 pixels a side in the picture of {width} x {height} pixels")
+        raise ValueError(f"{described} leaves less than 4 pixels a side in the picture of {width} x {height} pixels")
     return left, top, right, bottom
 
 

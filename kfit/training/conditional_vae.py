@@ -50,8 +50,8 @@ class ConditionalVAE(Training):
         kl_weight: λ.
         extents_weight: w_ext.
         rate: largest learning rate of Adam; it rises over the first twentieth of the steps and falls as a cosine.
-        jitter: how the encoder's view is disturbed; None shows it as it is.
-        photograph: how that view is made to look like a cut-out of a photo first; None leaves it clean.
+        similarity: how the encoder's view is disturbed; None shows it as it is.
+        photometric: how that view is made to look like a cut-out of a photo first; None leaves it clean.
         pixel_stride: draw and compare every such row and column of the target alone, from a random first one on, which
             is less work where a generator draws pixels by themselves, as `kfit.generators.RadianceField` does. Losses
             that look at neighbourhoods see thinned pictures.
@@ -75,10 +75,10 @@ class ConditionalVAE(Training):
         kl_weight: float = 1e-4,
         extents_weight: float = 0.1,
         rate: float = 2e-3,
-        jitter: RandomSimilarity | None = None,
+        similarity: RandomSimilarity | None = None,
         compile: bool = False,
         pixel_stride: int = 1,
-        photograph: PhotometricAugmentation | None = None,
+        photometric: PhotometricAugmentation | None = None,
         symmetry: Symmetry = "none",
     ) -> None:
         super().__init__()
@@ -101,7 +101,12 @@ class ConditionalVAE(Training):
         self.losses = frozen(nn.ModuleDict(losses))
         self.loss_weights = {name: 1.0 for name in losses} | (loss_weights or {})
         self.kl_weight, self.extents_weight, self.rate = kl_weight, extents_weight, rate
-        self.jitter, self.photograph, self.compiles, self.pixel_stride = jitter, photograph, compile, pixel_stride
+        self.similarity, self.photometric, self.compiles, self.pixel_stride = (
+            similarity,
+            photometric,
+            compile,
+            pixel_stride,
+        )
         self.symmetry = symmetry
 
     def on_fit_start(self) -> None:
@@ -117,11 +122,11 @@ class ConditionalVAE(Training):
         return drawn
 
     def training_step(self, batch: dict[str, Tensor], batch_idx: int) -> Tensor:
-        seen = batch["source"]
-        if self.photograph is not None:
-            seen = self.photograph(seen, batch["source_mask"])
-        seen = seen if self.jitter is None else self.jitter(seen)
-        mean, log_variance = self.encoder(seen)
+        observed = batch["source"]
+        if self.photometric is not None:
+            observed = self.photometric(observed, batch["source_mask"])
+        observed = observed if self.similarity is None else self.similarity(observed)
+        mean, log_variance = self.encoder(observed)
         code = mean + (0.5 * log_variance).exp() * torch.randn_like(mean)
         batch, thinned = self._thin(batch)
         pose = {"azimuth": batch["azimuth"], "elevation": batch["elevation"]} | view_lens(self.generator, batch)
@@ -166,9 +171,9 @@ class ConditionalVAE(Training):
             if lens:
                 focal = image.shape[-1] * lens["focal"][::FIT_EVERY]
                 cameras = torch.diag_embed(torch.stack([focal, focal, torch.ones_like(focal)], 1))
-            seen = Observation(image, None if drawn.mask is None else mask, intrinsics=cameras)
+            observed = Observation(image, None if drawn.mask is None else mask, intrinsics=cameras)
             truth = rotation_of({"azimuth": azimuth, "elevation": elevation})
-            self.record_rotations(fitted_rotations(self.generator, self.encoder, seen), truth, self.symmetry)
+            self.record_rotations(fitted_rotations(self.generator, self.encoder, observed), truth, self.symmetry)
 
     def _thin(self, batch: dict[str, Tensor]) -> tuple[dict[str, Tensor], dict[str, Tensor]]:
         """Return the batch with a subset of its targets' pixels, and the generator's arguments to draw them."""
