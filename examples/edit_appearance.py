@@ -1,9 +1,9 @@
-"""Invert photos to codes and poses, and draw them anew: the same pose with another look, the same look turned.
+"""Invert photos to codes and poses, and redraw them: the same pose with another appearance, and other poses.
 
     python examples/edit_appearance.py [FOLDER]
 
-Writes FOLDER/edit_appearance.png: a row an object, what is seen of it, its fit, and what the fit lets one draw that was
-never seen. FOLDER is kfit_out unless told.
+Writes FOLDER/edit_appearance.png: a row for each object, with the observation, its fit, and new drawings from the
+fit. FOLDER is kfit_out by default.
 """
 
 import math
@@ -11,9 +11,11 @@ import sys
 from pathlib import Path
 
 import torch
+from torch import Tensor
 
 import kfit
 from kfit.bench.held_out_views import views_of
+from kfit.core import Rendering
 from kfit.data import build
 from kfit.reports.picture_table import picture_table
 
@@ -25,14 +27,15 @@ pipeline = model.pipeline()
 found = pipeline(seen, seed=0).values
 
 
-def draw(**changes):
+def draw(**changes: Tensor) -> Rendering:
     """The mugs as they were found, but for what is changed."""
     return pipeline.generator(**{**found, **changes})
 
 
-def colour(drawn):
+def colour(drawn: Rendering) -> Tensor:
     """Mean colour (3, 3) of what each picture shows."""
-    return (drawn.image * drawn.mask).sum((2, 3)) / drawn.mask.sum((2, 3))
+    mask = drawn.field("mask")
+    return (drawn.image * mask).sum((2, 3)) / mask.sum((2, 3))
 
 
 fitted = draw()

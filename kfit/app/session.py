@@ -1,4 +1,4 @@
-"""What one visitor of the page has handed in so far, kept apart from the others' and deleted with the visit."""
+"""The uploads of one visitor of the page, kept apart from others and deleted with the visit."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Session:
     Attributes:
         photo: the picture.
         targets: what was found in it.
-        target: the one that is to be fitted, found, drawn or told by a mask.
+        target: the object to fit: found, drawn or selected by a mask.
         category: that is likely, or was chosen last.
         depth: (H, W) in metres, where it was handed in.
         busy: whether a fit of it waits or runs, so that it makes room for no other.
@@ -72,12 +72,12 @@ class Session:
         Raises:
             ValueError: if there is no photo.
         """
-        return self._seen().image
+        return self._photo_or_error().image
 
     def take(self, path: Path) -> None:
         """Read an uploaded photo, delete the file, and find the objects of kfit's categories.
 
-        An alpha channel that sets an object off tells the one that is meant. The first found is chosen.
+        An alpha channel around an object selects it. The first found object is selected.
 
         Raises:
             ValueError: for a file that cannot be used, in one sentence; what was there before stays.
@@ -112,10 +112,10 @@ class Session:
         """Read an uploaded mask and delete the file.
 
         Raises:
-            ValueError: if it cannot be used or there is no photo yet; what was there before stays.
+            ValueError: if it cannot be used or there is no photo yet; the previous state is kept.
         """
         try:
-            mask = checked(path, lambda file: mask_from_file(file, self._seen().image.shape[:2]))
+            mask = checked(path, lambda file: mask_from_file(file, self._photo_or_error().image.shape[:2]))
         finally:
             path.unlink(missing_ok=True)
         self._point(["--mask", path.name], mask=mask)
@@ -124,11 +124,11 @@ class Session:
         """Read an uploaded depth map and delete the file.
 
         Raises:
-            ValueError: if it cannot be used or there is no photo yet; what was there before stays.
+            ValueError: if it cannot be used or there is no photo yet; the previous state is kept.
         """
         try:
             check_size(path)
-            read = partial(depth_from_file, shape=self._seen().image.shape[:2])
+            read = partial(depth_from_file, shape=self._photo_or_error().image.shape[:2])
             # What lies in memory by a file's map would be gone with the file.
             self.depth = np.array(read(path) if path.suffix == ".npy" else checked(path, read))
         except (ValueError, OSError) as error:
@@ -138,15 +138,15 @@ class Session:
         self._depth_name = path.name
 
     def draw(self, box: Fractions) -> None:
-        """Find the object in a box; where none is found there is no mask.
+        """Find the object in a box; without one there is no mask.
 
         Args:
             box: left, top, width and height as fractions of the picture's width and height.
 
         Raises:
-            ValueError: if nothing stands out in the box, or there is no photo yet.
+            ValueError: if the box holds no salient object, or there is no photo yet.
         """
-        height, width = self._seen().image.shape[:2]
+        height, width = self._photo_or_error().image.shape[:2]
         left, top, across, down = (
             round(part * whole) for part, whole in zip(box, (width, height, width, height), strict=True)
         )
@@ -160,7 +160,7 @@ class Session:
         Raises:
             ValueError: if there is no mask to change, or nothing would be left of it.
         """
-        self._seen()
+        self._photo_or_error()
         if self.target is None:
             raise ValueError("Draw a box around the object first; then its mask can be corrected.")
         mask = painted(self.target.segment.mask, points, keep)
@@ -177,7 +177,7 @@ class Session:
         Raises:
             ValueError: if picture, object or category is still to be given.
         """
-        photo, target = self._seen(), self.target
+        photo, target = self._photo_or_error(), self.target
         if target is None:
             raise ValueError("Draw a box around the object first, so that it is known what is to be fitted.")
         if category is None:
@@ -200,13 +200,13 @@ class Session:
         return join(words + (["--depth", self._depth_name] if self.depth is not None else []))
 
     def _arguments(self, category: str) -> tuple[dict[str, Any], list[str]]:
-        """What tells the object to `find_targets`, and what to `kfit pose`; nothing where it is as it was found."""
+        """Return the selection for `find_targets`, and for `kfit pose`; empty for an object that was found."""
         named, target = ["--category", category], self.target
         if self._pointed or target is None:
             return self._pointed, [*named, *self._words]
         if category == target.category:
             return {}, []
-        if not self.targets:  # the alpha channel tells it
+        if not self.targets:  # selected by the alpha channel
             return {}, named
         return {"box": target.box}, [*named, "--box", *(f"{part:.0f}" for part in target.box)]
 
@@ -216,7 +216,7 @@ class Session:
         Raises:
             ValueError: if the visit is over; the folder would be there for good.
         """
-        self._seen()
+        self._photo_or_error()
         depth = self._depth_name if self.depth is not None else None
         snippet = snippet_of(self._name, result.category, camera, depth)
         return write_downloads(self.folder, result, self.command(result.category, camera), snippet)
@@ -239,12 +239,12 @@ class Session:
         self.target, self.category = target, None if target is None else target.category
 
     def _point(self, words: list[str], **pointed: Any) -> None:
-        """Take what a mask or a box points at for the object; ``words`` tell `kfit pose` the same."""
-        (target,) = find_targets(self._seen(), **pointed)
+        """Select the object of a mask or a box; ``words`` are the same for `kfit pose`."""
+        (target,) = find_targets(self._photo_or_error(), **pointed)
         self._pointed, self._words = pointed, words
         self._take_target(target)
 
-    def _seen(self) -> Photo:
+    def _photo_or_error(self) -> Photo:
         if self.photo is None:
             raise ValueError("There is no picture: choose one, also if you had, as pictures are not kept for long.")
         return self.photo

@@ -24,7 +24,7 @@ LEAST_POINTS = 16
 def pose_of_coordinates(
     coordinates: Tensor, mask: Tensor, depth: Tensor, intrinsics: Tensor, refine: bool = True
 ) -> tuple[Tensor, Tensor, float]:
-    """Pose and size of an object whose pixels tell which points of it they see.
+    """Estimate pose and size of an object from the coordinates of its pixels.
 
     RANSAC over similarities D R x + t from coordinates to the depth's points (Wang et al. 2019, section 5), then
     point-to-plane ICP of the posed coordinates on the depth's points (OpenCV's), which changes R and t alone. ICP is
@@ -54,14 +54,14 @@ def pose_of_coordinates(
     known = (mask > 0.5).cpu().numpy() & np.isfinite(points).all(-1)
     if known.sum() < LEAST_POINTS:
         raise ValueError(f"depth: {known.sum()} pixels of the object have it, and at least {LEAST_POINTS} are needed")
-    told = coordinates.detach().cpu().double().movedim(0, -1).numpy()
-    size = float(points[known].std(0).sum() / max(told[known].std(0).sum(), 1e-9))
-    matrix = align(told[known], points[known], tolerance=TOLERANCE * size)
+    predicted = coordinates.detach().cpu().double().movedim(0, -1).numpy()
+    size = float(points[known].std(0).sum() / max(predicted[known].std(0).sum(), 1e-9))
+    matrix = align(predicted[known], points[known], tolerance=TOLERANCE * size)
     diagonal = float(np.cbrt(np.linalg.det(matrix[:3, :3])))
     pose = matrix.copy()
     pose[:3, :3] /= diagonal
     if refine:
-        posed = diagonal * told @ pose[:3, :3].T + pose[:3, 3]
+        posed = diagonal * predicted @ pose[:3, :3].T + pose[:3, 3]
         pose = _refined(posed, points, known, NEAR * size) @ pose
     return torch.from_numpy(pose[:3, :3].copy()), torch.from_numpy(pose[:3, 3].copy()), diagonal
 

@@ -12,6 +12,7 @@ from torch.nn import functional as F
 
 from kfit.core.check import check_choice, check_count, check_list, check_shape
 from kfit.geometry import Symmetry
+from kfit.runtime.old_weights import read_old_weights
 
 # How many turns a free turn about y is cut into; NOCS's loss tries as many.
 NUM_TURNS = 6
@@ -45,8 +46,8 @@ class CoordinateRegressor(nn.Module):
     ) -> None:
         super().__init__()
         check_choice("CoordinateRegressor: symmetry", symmetry, ("none", "y"))
-        check_list("CoordinateRegressor: channels", channels, None, check_count, 1, 4096)
-        check_count("CoordinateRegressor: num_bins", num_bins, 2, 1024)
+        check_list("CoordinateRegressor: channels", channels, None, check_count)
+        check_count("CoordinateRegressor: num_bins", num_bins, 2)
         self.num_bins = num_bins
         self.register_buffer("centres", (torch.arange(num_bins) + 0.5) / num_bins - 0.5, persistent=False)
         count = NUM_TURNS if symmetry == "y" else 1
@@ -56,7 +57,8 @@ class CoordinateRegressor(nn.Module):
         for a, b in pairwise(channels):
             self.down.append(nn.Sequential(_convolution(a, b, 2), _convolution(b, b, 1)))
             self.up.insert(0, _convolution(a + b, a, 1))
-        self.say = nn.Conv2d(channels[0], 3 * num_bins, 1)
+        self.output = nn.Conv2d(channels[0], 3 * num_bins, 1)
+        read_old_weights(self)
 
     def forward(self, image: Tensor) -> Tensor:
         """Logits (N, 3, B, S, S) of the bins of x, y and z, from pictures (N, 3, S, S) in [0, 1] on white.
@@ -67,33 +69,33 @@ class CoordinateRegressor(nn.Module):
         check_shape("image", image, ("N", 3, "S", "S"))
         if image.shape[-1] % 2 ** len(self.up) or image.shape[-2] % 2 ** len(self.up):
             raise ValueError(f"image: sides must be multiples of {2 ** len(self.up)}, got {tuple(image.shape[-2:])}")
-        x, seen = 2 * image - 1, []
+        x, sizes = 2 * image - 1, []
         for layer in self.down:
             x = layer(x)
-            seen.append(x)
-        for layer, beside in zip(self.up, reversed(seen[:-1]), strict=True):
-            x = layer(torch.cat([F.interpolate(x, scale_factor=2.0), beside], 1))
-        said = self.say(x)
-        logits: Tensor = said.to(torch.promote_types(said.dtype, torch.float32)).unflatten(1, (3, self.num_bins))
+            sizes.append(x)
+        for layer, finer in zip(self.up, reversed(sizes[:-1]), strict=True):
+            x = layer(torch.cat([F.interpolate(x, scale_factor=2.0), finer], 1))
+        output = self.output(x)
+        logits: Tensor = output.to(torch.promote_types(output.dtype, torch.float32)).unflatten(1, (3, self.num_bins))
         return logits
 
     @torch.no_grad()
     def coordinates(self, image: Tensor) -> Tensor:
-        """Coordinates (N, 3, S, S) in box diagonals; they mean nothing beside the object.
+        """Coordinates (N, 3, S, S) in box diagonals; they are meaningless outside of the object.
 
         The mean over the likeliest bin and its neighbours, weighed by their probabilities, so that bins leave no steps.
         """
-        said = self(image).softmax(2)
-        bins = torch.arange(self.num_bins, device=said.device)[:, None, None]
-        near = said * ((bins - said.argmax(2, keepdim=True)).abs() <= 1)
+        probability = self(image).softmax(2)
+        bins = torch.arange(self.num_bins, device=probability.device)[:, None, None]
+        near = probability * ((bins - probability.argmax(2, keepdim=True)).abs() <= 1)
         found: Tensor = torch.einsum("ncbhw,b->nchw", near, self.centres) / near.sum(2)
         return found
 
     def divergence(self, logits: Tensor, coordinates: Tensor, mask: Tensor) -> Tensor:
-        """How unlikely what was said makes the true coordinates: mean cross-entropy over pixels and axes, in nats.
+        """Return the mean cross-entropy of the true coordinates over pixels and axes, in nats.
 
         With a free turn it is the least over the true coordinates turned about y by k · 60°, k = 0 … 5 (NOCS, section
-        5). One turn is chosen for a whole object.
+        5). One rotation is chosen for all pixels of an object.
 
         Args:
             logits: (N, 3, B, S, S), what ``forward`` gave.

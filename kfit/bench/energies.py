@@ -73,8 +73,8 @@ def mixes(vgg16: str | None) -> dict[str, Callable[[CategoryModel], Mix]]:
 
     def encoder(model: CategoryModel) -> Mix:
         reduced = [name for name, _ in model.encoder.named_modules() if name.startswith("reduce.")]
-        seen = Activations(model.encoder, reduced, mean=(0.0, 0.0, 0.0), std=(1.0, 1.0, 1.0))
-        return {"encoder": (Perceptual(seen), 0.75)}
+        activations = Activations(model.encoder, reduced, mean=(0.0, 0.0, 0.0), std=(1.0, 1.0, 1.0))
+        return {"encoder": (Perceptual(activations), 0.75)}
 
     def vgg(model: CategoryModel) -> Mix:
         return {"perceptual": (Perceptual(VGG16(weights=vgg16), normalize=True), 0.65)}
@@ -113,15 +113,15 @@ def run(args: Namespace) -> None:
     asked = {name: value for name, value in args.items() if name not in ("out", "vgg16")}
     found = _measured_before(args.out, asked)
     if args.vgg16 is None:
-        log.info("VGG16's energies and LPIPS are left out; say --vgg16 FILE for them")
+        log.info("VGG16's energies and LPIPS are left out; pass --vgg16 FILE for them")
     with progress() as bar:
         views: dict[str, HeldOutViews] = {}
         for name, make in compared.items():
             if name not in found:
                 found[name] = _measured(args, models, bar, make, views)
             if args.out:
-                told = {"asked": asked, "found": found}
-                atomic_write(Path(args.out), {FILE: partial(write_text, text=json.dumps(told, indent=2) + "\n")})
+                saved = {"asked": asked, "found": found}
+                atomic_write(Path(args.out), {FILE: partial(write_text, text=json.dumps(saved, indent=2) + "\n")})
     table = section({name: found[name] for name in compared})
     table_console(140).print(table.table())
     if args.out:
@@ -155,8 +155,8 @@ def _measured_before(out: str | None, asked: Mapping[str, Any]) -> dict[str, Any
     path = Path(out or "") / FILE
     if out is None or not path.is_file():
         return {}
-    told = json.loads(path.read_text(encoding="utf-8"))
-    return told["found"] if told["asked"] == json.loads(json.dumps(asked)) else {}
+    saved = json.loads(path.read_text(encoding="utf-8"))
+    return saved["found"] if saved["asked"] == json.loads(json.dumps(asked)) else {}
 
 
 def section(found: Mapping[str, Mapping[str, Any]]) -> Section:

@@ -24,13 +24,12 @@ from kfit.cli.pose_views import answer_views, read_poses
 from kfit.runtime.console import log, progress, see_working_folder, status, table_console
 
 if TYPE_CHECKING:
-    from kfit.fitting.pipeline import FitPipeline
     from kfit.pose import CategoryModel, PoseResult
     from kfit.pose.object_finder import FoundObject
     from kfit.segmentation import Photo
 
 __all__ = ["command", "parser", "run"]
-# Width of the table where stdout is no terminal.
+# Width of the table if stdout is not a terminal.
 WIDTH = 160
 
 
@@ -76,6 +75,13 @@ def run(args: Namespace) -> None:
             raise ValueError(f"{name}: {error}") from error
         return photo, _picked(targets) if args.pick else targets
 
+    if args.fit is not None:
+        from kfit.geometry import CATEGORIES
+        from kfit.pose.fit_recipe import fit_of
+
+        # A mistake in the recipe ends the command before any photo is read.
+        see_working_folder()
+        fit_of(args.fit, model_of(category or next(iter(CATEGORIES))))
     answers: dict[str, list[PoseResult]] = {}
     with progress() as bar, precision(args.precision, device):
         if poses is not None:
@@ -104,12 +110,12 @@ def _check(args: Namespace, photos: Sequence[str]) -> None:
         ValueError: naming them.
     """
     if args.category is not None and args.model is not None:
-        raise ValueError("--category and --model were both given; a model tells its category")
+        raise ValueError("--category and --model were both given; a model has its own category")
     if args.model is not None and not args.model.endswith(".safetensors"):
         raise ValueError(f"--model must name a .safetensors file, got {args.model}")
     if args.mask is not None and (args.box is not None or args.segmenter is not None):
         other = "--segmenter" if args.box is None else "--box"
-        raise ValueError(f"--mask and {other} were both given; the object is told by one of them")
+        raise ValueError(f"--mask and {other} were both given; use one of them to select the object")
     if args.fit is not None and args.depth is not None:
         raise ValueError("--fit and --depth were both given; a recipe fits colour alone")
     if args.report is not None and Path(args.report).suffix.lower() not in (".html", ".htm"):
@@ -131,7 +137,7 @@ def _check_one(args: Namespace, targets: Sequence[FoundObject]) -> None:
     for option in ("report", "animation", "mesh"):
         if args[option] is not None and len(targets) > 1:
             raise ValueError(
-                f"--{option} shows one object, but {len(targets)} were found; --category, --box or --pick tells which"
+                f"--{option} shows one object, but {len(targets)} were found; select one by --category, --box or --pick"
             )
 
 
@@ -159,21 +165,14 @@ def _answer(
     from kfit.callbacks import Progress
     from kfit.models.find_poses import pose_of
 
-    def pipeline(model: CategoryModel) -> FitPipeline:
-        if args.fit is None:
-            lens_known = args.intrinsics is not None or photo.intrinsics is not None
-            made = model.pipeline(depth=depth is not None, lens_known=lens_known)
-        else:
-            from kfit.pose.fit_recipe import fit_of
-
-            see_working_folder()
-            made = fit_of(args.fit, model)
-        if num_photos == 1:
-            made.callbacks.append(Progress())
-        return made
-
     log.info("found a %s (%.0f %%) in box %s", target.category, 100 * target.score, _spelled(target.box))
-    result = pose_of(model, photo, target, camera_of(args), depth, args.seed, pipeline)
+    fit = None
+    if args.fit is not None:
+        from kfit.pose.fit_recipe import fit_of
+
+        fit = fit_of(args.fit, model)
+    watching = [Progress()] if num_photos == 1 else []
+    result = pose_of(model, photo, target, camera_of(args), depth, args.seed, fit, watching)
     for note in result.notes:
         log.info("%s", note)
     return result
@@ -193,7 +192,7 @@ def _report(args: Namespace, answers: dict[str, list[PoseResult]]) -> None:
     if not results:
         what = args.category or "bottle, bowl, camera, can, laptop or mug"
         where = args.photo[0] if len(args.photo) == 1 else "the photos"
-        raise ValueError(f"no {what} was found in {where}; --box X Y W H or --mask FILE tells where one is")
+        raise ValueError(f"no {what} was found in {where}; point at one by --box X Y W H or --mask FILE")
     from kfit.cli import answer_files
     from kfit.reports import describe
     from kfit.runtime.browser import open_files
@@ -213,7 +212,7 @@ def _report(args: Namespace, answers: dict[str, list[PoseResult]]) -> None:
 
 
 def pages(results: Sequence[PoseResult], args: Namespace) -> dict[str, Callable[[Path], object]]:
-    """What writes the page, the animation and the mesh of one answer that were asked for, by absolute path."""
+    """Return the writers of the requested page, animation and mesh of one answer, by absolute path."""
     writers: dict[str, Callable[[Path], object]] = {}
     if args.report is not None:
         from kfit.reports.html_page import report

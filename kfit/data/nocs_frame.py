@@ -131,7 +131,7 @@ def read_frame(
         if class_id not in _NAMES or instance == _BACKGROUND or not mask.any():
             continue
         box = _box(mask)
-        pose, size, seen = _match(known, class_id, box)
+        pose, size, visible = _match(known, class_id, box)
         if pose is None:
             seen_depth = mask & (depth > 0)
             try:
@@ -139,7 +139,7 @@ def read_frame(
             except ValueError:
                 pose = None
         size = model.size if size is None else size
-        objects.append(NOCSObject(instance, _NAMES[class_id], model, mask, box, pose, size, seen))
+        objects.append(NOCSObject(instance, _NAMES[class_id], model, mask, box, pose, size, visible))
     return NOCSFrame(path, np.ascontiguousarray(color), depth, stored - 0.5, intrinsics, tuple(objects))
 
 
@@ -216,9 +216,9 @@ def _match(
     """Return pose, size and handle visibility of the object with this class and box, within five pixels in total."""
     if known is None:
         return None, None, True
-    seen = next((known[key] for key in ("gt_handle_visibility", "handle_visibility") if key in known), None)
+    visible = next((known[key] for key in ("gt_handle_visibility", "handle_visibility") if key in known), None)
     for row, (other, place) in enumerate(zip(known["gt_class_ids"], known["gt_bboxes"], strict=True)):
         if int(other) == class_id and np.abs(np.asarray(place) - box).sum() <= 5:
             pose, size = (np.asarray(known[key][row], np.float64) for key in ("gt_RTs", "gt_scales"))
-            return pose, size, seen is None or bool(seen[row])
+            return pose, size, visible is None or bool(visible[row])
     return None, None, True

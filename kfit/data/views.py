@@ -86,7 +86,7 @@ def build_views(
         check_list("source", source, None, check_text)
     check_count("num_objects", num_objects)
     check_count("num_views", num_views)
-    check_count("image_size", image_size, 1, 4096)
+    check_count("image_size", image_size)
     check_count("seed", seed, 0)
     check_choice("held_out", held_out, (False, True))
     check_rising("elevation_deg", elevation_deg, -90, 90)

@@ -51,20 +51,20 @@ def export_generator(generator: Generator, path: Path) -> None:
         ImportError: without the package onnxscript.
         ValueError: for a variable in a space of somebody else's.
     """
-    said = {}
+    described = {}
     for name, variable in generator.variables.items():
         if type(variable.space) not in (Real, Positive, Bounded, Angle):
             raise ValueError(
                 f"{name!r} lives in the space {type(variable.space).__name__}, which no ONNX file can tell"
             )
         kind, settings = type(variable.space).__name__, asdict(variable.space)  # type: ignore[call-overload]
-        said[name] = {"shape": variable.shape, "space": kind, "settings": settings}
+        described[name] = {"shape": variable.shape, "space": kind, "settings": settings}
     # Two rows: with one, the exporter takes what depends on N for fixed.
     raw = {name: 0.1 * torch.ones(2, *variable.shape) for name, variable in generator.variables.items()}
     example = tuple(generator.variables[name].space.to_value(value) for name, value in raw.items())
     drawing = _Drawing(frozen(generator))
     names = drawing.fields_of(*example)
-    _write(drawing, example, list(said), names, path, {"kfit_variables": json.dumps(said)})
+    _write(drawing, example, list(described), names, path, {"kfit_variables": json.dumps(described)})
 
 
 def export_encoder(encoder: Encoder, path: Path, image_size: int) -> None:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from numpy.typing import NDArray
 from torch import Tensor
 
+from kfit.core import Callback
 from kfit.fitting.pipeline import FitPipeline
 from kfit.models.load import load
 from kfit.pose import CategoryModel, PoseResult
@@ -76,11 +77,19 @@ def pose_of(
     intrinsics: NDArray[Any] | Tensor | None = None,
     depth: NDArray[Any] | None = None,
     seed: int = 0,
-    pipeline: Callable[[CategoryModel], FitPipeline] | None = None,
+    pipeline: FitPipeline | None = None,
+    callbacks: Sequence[Callback] = (),
 ) -> PoseResult:
-    """Return the pose of one object; ``pipeline`` builds another fit than the model's own."""
-    fit = None if pipeline is None else pipeline(model)
-    answer = model.pose(photo, intrinsics=intrinsics, depth=depth, segmenter=target, seed=seed, pipeline=fit)
+    """The pose of one object that was found; arguments as those of `kfit.pose.CategoryModel.pose`."""
+    answer = model.pose(
+        photo,
+        intrinsics=intrinsics,
+        depth=depth,
+        segmenter=target,
+        seed=seed,
+        pipeline=pipeline,
+        callbacks=callbacks,
+    )
     return with_score(answer, target)
 
 

@@ -71,7 +71,7 @@ def _trained(path: Path, command: str | None) -> tuple[dict[str, nn.Module], Car
         symmetry=category.symmetry,
         mean_diagonal=category.mean_diagonal,
         training={
-            "command": command or "not told",
+            "command": command or "unknown",
             "data": data | {"shapes_version": VERSION},
             "steps": int(saved["global_step"]),
             "pairs": int(saved["global_step"]) * int(data["batch_size"]),
@@ -90,9 +90,9 @@ def _head(path: Path) -> tuple[nn.Module, dict[str, Any], str, Any]:
             raise ValueError(f"--pose-head: the model {path} has none")
         return networks["pose_head"], card.networks["pose_head"], card.category, card.training.get("pose_head")
     found, learned = read_checkpoint(path, ("pose_head",))
-    told = _told(learned)
-    trained = {"data": told, "steps": int(learned["global_step"])}
-    return found["pose_head"], learned["hyper_parameters"]["pose_head"], told["category"], trained
+    training_data = _told(learned)
+    trained = {"data": training_data, "steps": int(learned["global_step"])}
+    return found["pose_head"], learned["hyper_parameters"]["pose_head"], training_data["category"], trained
 
 
 def _told(saved: dict[str, Any]) -> dict[str, Any]:

@@ -107,8 +107,8 @@ class ObservedObject:
 
 def _is_plain(observation: Observation) -> bool:
     """Return whether the object's colours, each in [0, 1], have a standard deviation below 0.01."""
-    seen = observation.field("image")[0].flatten(1)[:, observation.field("mask")[0, 0].flatten() > 0.9]
-    return seen.shape[1] > 1 and float(seen.std(1).max()) < _LEAST_SPREAD
+    colors = observation.field("image")[0].flatten(1)[:, observation.field("mask")[0, 0].flatten() > 0.9]
+    return colors.shape[1] > 1 and float(colors.std(1).max()) < _LEAST_SPREAD
 
 
 def cut_off(mask: NDArray[Any]) -> str | None:

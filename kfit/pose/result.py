@@ -28,19 +28,19 @@ class Alternative:
         rotation: (3, 3).
         energy: of its best start.
         weight: fraction of the surviving starts' weight, in [0, 1]; the alternatives' weights sum to 1.
-        spread_deg: weighted angular standard deviation of its starts about the best one.
+        sigma_deg: weighted angular standard deviation of its starts about the best one.
 
     Example:
         >>> import numpy as np
         >>> from kfit.pose import Alternative
-        >>> Alternative(np.eye(3), energy=0.4, weight=0.9, spread_deg=3.0).weight
+        >>> Alternative(np.eye(3), energy=0.4, weight=0.9, sigma_deg=3.0).weight
         0.9
     """
 
     rotation: NDArray[np.float64]
     energy: float
     weight: float
-    spread_deg: float
+    sigma_deg: float
 
 
 @dataclass(frozen=True)
@@ -178,7 +178,7 @@ class PoseResult:
             "calibrated": self.calibrated,
             "ambiguous": self.ambiguous,
             "alternatives": [
-                {"rotation": a.rotation.tolist(), "energy": a.energy, "weight": a.weight, "spread_deg": a.spread_deg}
+                {"rotation": a.rotation.tolist(), "energy": a.energy, "weight": a.weight, "sigma_deg": a.sigma_deg}
                 for a in self.alternatives
             ],
             "intrinsics": self.intrinsics.tolist(),

@@ -1,4 +1,4 @@
-"""What says which pixels of a photo show the object: the contract of all segmenters."""
+"""The contract of segmenters, which find the pixels of an object in a photo."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Box = tuple[float, float, float, float]
-WHOLE_PICTURE = "no mask or box given: the object was taken to be what stands out in the whole picture"
+WHOLE_PICTURE = "no mask or box given: the salient object of the whole picture was used"
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Segmenter(ABC):
 
         Args:
             image: (H, W, 3), RGB in [0, 1].
-            category: what is looked for where no box tells the object; one of `kfit.geometry.CATEGORIES`.
+            category: of the object if no box selects it; one of `kfit.geometry.CATEGORIES`.
             box: left, top, width, height in pixels around the object, of whatever kind it is.
 
         Raises:
@@ -52,15 +52,15 @@ def clipped(box: Box, width: int, height: int) -> tuple[int, int, int, int]:
         ValueError: if that part has less than 4 pixels a side.
     """
     x, y, across, down = box
-    said = f"box {spell(box)} (left, top, width, height)"
+    described = f"box {spell(box)} (left, top, width, height)"
     if not (across > 0 and down > 0 and all(map(math.isfinite, box))):
-        raise ValueError(f"{said} has no area; the picture has {width} x {height} pixels")
+        raise ValueError(f"{described} has no area; the picture has {width} x {height} pixels")
     left, right = max(0, round(x)), min(width, round(x + across))
     top, bottom = max(0, round(y)), min(height, round(y + down))
     if left >= right or top >= bottom:
-        raise ValueError(f"{said} lies outside the picture of {width} x {height} pixels")
+        raise ValueError(f"{described} lies outside the picture of {width} x {height} pixels")
     if min(right - left, bottom - top) < 4:
-        raise ValueError(f"{said} leaves less than 4 pixels a side in the picture of {width} x {height} pixels")
+        raise ValueError(f"{described} leaves less than 4 pixels a side in the picture of {width} x {height} pixels")
     return left, top, right, bottom
 
 

@@ -22,7 +22,7 @@ from kfit.training.short_fit import fitted_rotations
 from kfit.training.training import Training
 from kfit.training.view_lens import view_lens
 
-TAKEN = {"extents", "kl", "l1", "loss", "mask_iou", "ssim"}  # in the log, beside the losses
+TAKEN = {"extents", "kl", "l1", "loss", "mask_iou", "ssim"}  # logged with the losses
 FIT_EVERY = 5  # views in test: a fit takes a second of a core, and an object has some ten views
 
 
@@ -34,7 +34,7 @@ class ConditionalVAE(Training):
     D_KL = mean_n Σ_d ½ (μ² + σ² − 1 − log σ²) in nats, summed over the code and averaged over the batch, where each
     energy averages over pixels and channels.
 
-    The paper's λ is 1e-2, for terms whose normalisation it does not tell. As they are normalised here, 1e-2 lets codes
+    The paper's λ is 1e-2, for terms of unknown normalisation. As they are normalised here, 1e-2 lets codes
     collapse, and 1e-4 is the default. The released code would weigh 10 · L1 + 0.01 · (KL averaged over the code), which
     is λ = 6e-5 here for a code of 16, but never adds the KL term.
 
@@ -50,8 +50,8 @@ class ConditionalVAE(Training):
         kl_weight: λ.
         extents_weight: w_ext.
         rate: largest learning rate of Adam; it rises over the first twentieth of the steps and falls as a cosine.
-        jitter: how the encoder's view is disturbed; None shows it as it is.
-        photograph: how that view is made to look like a cut-out of a photo first; None leaves it clean.
+        similarity: how the encoder's view is disturbed; None shows it as it is.
+        photometric: how that view is made to look like a cut-out of a photo first; None leaves it clean.
         pixel_stride: draw and compare every such row and column of the target alone, from a random first one on, which
             is less work where a generator draws pixels by themselves, as `kfit.generators.RadianceField` does. Losses
             that look at neighbourhoods see thinned pictures.
@@ -75,10 +75,10 @@ class ConditionalVAE(Training):
         kl_weight: float = 1e-4,
         extents_weight: float = 0.1,
         rate: float = 2e-3,
-        jitter: RandomSimilarity | None = None,
+        similarity: RandomSimilarity | None = None,
         compile: bool = False,
         pixel_stride: int = 1,
-        photograph: PhotometricAugmentation | None = None,
+        photometric: PhotometricAugmentation | None = None,
         symmetry: Symmetry = "none",
     ) -> None:
         super().__init__()
@@ -101,7 +101,12 @@ class ConditionalVAE(Training):
         self.losses = frozen(nn.ModuleDict(losses))
         self.loss_weights = {name: 1.0 for name in losses} | (loss_weights or {})
         self.kl_weight, self.extents_weight, self.rate = kl_weight, extents_weight, rate
-        self.jitter, self.photograph, self.compiles, self.pixel_stride = jitter, photograph, compile, pixel_stride
+        self.similarity, self.photometric, self.compiles, self.pixel_stride = (
+            similarity,
+            photometric,
+            compile,
+            pixel_stride,
+        )
         self.symmetry = symmetry
 
     def on_fit_start(self) -> None:
@@ -117,11 +122,11 @@ class ConditionalVAE(Training):
         return drawn
 
     def training_step(self, batch: dict[str, Tensor], batch_idx: int) -> Tensor:
-        seen = batch["source"]
-        if self.photograph is not None:
-            seen = self.photograph(seen, batch["source_mask"])
-        seen = seen if self.jitter is None else self.jitter(seen)
-        mean, log_variance = self.encoder(seen)
+        observed = batch["source"]
+        if self.photometric is not None:
+            observed = self.photometric(observed, batch["source_mask"])
+        observed = observed if self.similarity is None else self.similarity(observed)
+        mean, log_variance = self.encoder(observed)
         code = mean + (0.5 * log_variance).exp() * torch.randn_like(mean)
         batch, thinned = self._thin(batch)
         pose = {"azimuth": batch["azimuth"], "elevation": batch["elevation"]} | view_lens(self.generator, batch)
@@ -137,7 +142,7 @@ class ConditionalVAE(Training):
         return loss
 
     def report(self, batch: dict[str, Tensor], stage: str) -> None:
-        """Log how well the encoder's look at one view draws another, and in test also how well poses are found.
+        """Log how well the encoder's code of one view draws another, and in test also the errors of poses.
 
         Logged are the losses, L1, SSIM and the IoU of masks, how far the extents are off, and in test what
         ``record_rotations`` logs of short fits to every fifth of the other views.
@@ -166,12 +171,12 @@ class ConditionalVAE(Training):
             if lens:
                 focal = image.shape[-1] * lens["focal"][::FIT_EVERY]
                 cameras = torch.diag_embed(torch.stack([focal, focal, torch.ones_like(focal)], 1))
-            seen = Observation(image, None if drawn.mask is None else mask, intrinsics=cameras)
+            observed = Observation(image, None if drawn.mask is None else mask, intrinsics=cameras)
             truth = rotation_of({"azimuth": azimuth, "elevation": elevation})
-            self.record_rotations(fitted_rotations(self.generator, self.encoder, seen), truth, self.symmetry)
+            self.record_rotations(fitted_rotations(self.generator, self.encoder, observed), truth, self.symmetry)
 
     def _thin(self, batch: dict[str, Tensor]) -> tuple[dict[str, Tensor], dict[str, Tensor]]:
-        """The batch with its targets' pixels thinned out, and what tells the generator to draw just these."""
+        """Return the batch with a subset of its targets' pixels, and the generator's arguments to draw them."""
         every = self.pixel_stride
         if every == 1:
             return batch, {}

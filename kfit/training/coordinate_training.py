@@ -29,8 +29,8 @@ class CoordinateTraining(Training):
         unit_fraction: of the views' camera: the share of the width that a unit diagonal spans; ``lightning`` sets the
             category's.
         distance: of the views' camera in box diagonals, for batches that do not hold it.
-        jitter: how views are turned, shifted and scaled, and their coordinates with them; None shows them as they are.
-        recolor: how their colours are changed; None leaves them.
+        similarity: how views are turned, shifted and scaled, and their coordinates with them; None leaves them.
+        recoloring: how their colours are changed; None leaves them.
         compile: compile the regressor (`torch.compile`). Without a C++ compiler training goes on uncompiled.
 
     Raises:
@@ -44,8 +44,8 @@ class CoordinateTraining(Training):
         weight_decay: float = 1e-3,
         unit_fraction: float = UNIT_FRACTION,
         distance: float = DISTANCE,
-        jitter: RandomSimilarity | None = None,
-        recolor: RandomRecolor | None = None,
+        similarity: RandomSimilarity | None = None,
+        recoloring: RandomRecolor | None = None,
         compile: bool = False,
     ) -> None:
         super().__init__()
@@ -57,7 +57,7 @@ class CoordinateTraining(Training):
         self.remember(inspect.currentframe())
         self.regressor, self.rate, self.weight_decay = regressor, rate, weight_decay
         self.unit_fraction, self.distance = unit_fraction, distance
-        self.jitter, self.recolor, self.compiles = jitter, recolor, compile
+        self.similarity, self.recoloring, self.compiles = similarity, recoloring, compile
 
     def on_fit_start(self) -> None:
         if self.compiles:
@@ -65,19 +65,19 @@ class CoordinateTraining(Training):
 
     def forward(self, image: Tensor) -> Tensor:
         """Logits (N, 3, B, S, S) of the coordinates that pictures (N, 3, S, S) show."""
-        said: Tensor = self.regressor(image)
-        return said
+        output: Tensor = self.regressor(image)
+        return output
 
     def training_step(self, batch: dict[str, Tensor], batch_idx: int) -> Tensor:
         with torch.no_grad():
             image, mask, truth = self._views(batch)
-            image = image if self.recolor is None else self.recolor(image)
-            if self.jitter is not None:
+            image = image if self.recoloring is None else self.recoloring(image)
+            if self.similarity is not None:
                 # What comes in from outside is 1: the ground's share is, and coordinates are 0 there beside 1.
                 parts = torch.cat([image, 1 - mask, 1 + mask * truth], 1)
-                image, ground, beside = self.jitter(parts).split([3, 1, 3], 1)
+                image, ground, moved = self.similarity(parts).split([3, 1, 3], 1)
                 mask = 1 - ground
-                truth = (beside - 1) / mask.clamp_min(1e-3)
+                truth = (moved - 1) / mask.clamp_min(1e-3)
         loss = self.regressor.divergence(self(image), truth, mask).mean()
         self.log("train/coordinates", loss.detach(), prog_bar=True)
         return loss
@@ -127,6 +127,6 @@ def coordinates_of(
         focal = unit_fraction * size * (distance.square() - 0.25).sqrt()
         along = (torch.arange(size, device=depth.device, dtype=depth.dtype) - (size - 1) / 2) / focal
         away = depth + distance
-        seen = torch.cat([along * away, -along.mT * away, -depth], 1)
+        points = torch.cat([along * away, -along.mT * away, -depth], 1)
         rotation = rotation_from_angles(azimuth, elevation, torch.zeros_like(azimuth)).to(depth.dtype)
-        return torch.einsum("nji,njhw->nihw", rotation, seen)
+        return torch.einsum("nji,njhw->nihw", rotation, points)

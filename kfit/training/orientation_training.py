@@ -27,8 +27,8 @@ class OrientationTraining(Training):
         weight_decay: of AdamW.
         weights: path of VGG16's ImageNet weights to start from, see `kfit.baselines.OrientationRegressor.fill`; from
             nothing where none is given.
-        disturb: what is hidden, made brighter or darker and shifted; None shows views as they are.
-        jitter: how views are scaled before that. Views are taken as upright, so its ``roll_deg`` should be 0.
+        corruption: what is hidden, made brighter or darker and shifted; None shows views as they are.
+        similarity: how views are scaled before that. Views are taken as upright, so its ``roll_deg`` should be 0.
         compile: compile the regressor (`torch.compile`). Without a C++ compiler training goes on uncompiled.
 
     Raises:
@@ -42,8 +42,8 @@ class OrientationTraining(Training):
         rate: float = 3e-4,
         weight_decay: float = 1e-2,
         weights: str | None = None,
-        disturb: RandomCorruption | None = None,
-        jitter: RandomSimilarity | None = None,
+        corruption: RandomCorruption | None = None,
+        similarity: RandomSimilarity | None = None,
         compile: bool = False,
     ) -> None:
         super().__init__()
@@ -55,7 +55,7 @@ class OrientationTraining(Training):
             check_text("weights", weights)
             regressor.fill(weights)
         self.regressor, self.rate, self.weight_decay = regressor, rate, weight_decay
-        self.disturb, self.jitter, self.compiles = disturb, jitter, compile
+        self.corruption, self.similarity, self.compiles = corruption, similarity, compile
 
     def on_fit_start(self) -> None:
         if self.compiles:
@@ -63,19 +63,19 @@ class OrientationTraining(Training):
 
     def forward(self, image: Tensor) -> Tensor:
         """Rotations (N, 3, 3) that pictures (N, 3, S, S) show."""
-        said: Tensor = self.regressor(image)
-        return said
+        output: Tensor = self.regressor(image)
+        return output
 
     def training_step(self, batch: dict[str, Tensor], batch_idx: int) -> Tensor:
         image, mask, azimuth, elevation = _views(batch)
         truth = rotation_from_angles(azimuth, elevation, torch.zeros_like(azimuth))
         with torch.no_grad():
-            if self.jitter is not None:
+            if self.similarity is not None:
                 # What comes in from outside is 1, which for the ground's share is right too.
-                image, ground = self.jitter(torch.cat([image, 1 - mask], 1)).split([3, 1], 1)
+                image, ground = self.similarity(torch.cat([image, 1 - mask], 1)).split([3, 1], 1)
                 mask = 1 - ground
-            if self.disturb is not None:
-                image, _ = self.disturb(image, mask)
+            if self.corruption is not None:
+                image, _ = self.corruption(image, mask)
         loss = self.regressor.distance(self(image), truth).mean()
         self.log("train/rotation", loss.detach(), prog_bar=True)
         return loss
@@ -84,10 +84,10 @@ class OrientationTraining(Training):
         """Log the loss, and how far the rotations are from the truth."""
         image, _, azimuth, elevation = _views(batch)
         truth = rotation_from_angles(azimuth, elevation, torch.zeros_like(azimuth))
-        said = self(image)
-        loss = self.regressor.distance(said, truth).mean()
+        output = self(image)
+        loss = self.regressor.distance(output, truth).mean()
         self.log(f"{stage}/rotation", loss, batch_size=len(image), sync_dist=True)
-        self.record_rotations(said, truth, self.regressor.symmetry)
+        self.record_rotations(output, truth, self.regressor.symmetry)
 
 
 def _views(batch: dict[str, Tensor]) -> tuple[Tensor, Tensor, Tensor, Tensor]:

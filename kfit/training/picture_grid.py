@@ -33,8 +33,8 @@ class PictureGrid(Callback):
     """
 
     def __init__(self, num_objects: int = 8, num_views: int = 6) -> None:
-        check_count("PictureGrid: num_objects", num_objects, 1, 1000)
-        check_count("PictureGrid: num_views", num_views, 1, 1000)
+        check_count("PictureGrid: num_objects", num_objects)
+        check_count("PictureGrid: num_views", num_views)
         self.num_objects, self.num_views = num_objects, num_views
         self._shown: dict[str, Tensor] | None = None
 

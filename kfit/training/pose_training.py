@@ -24,7 +24,7 @@ class PoseTraining(Training):
 
     L = mean_n KL(target_n ‖ prediction_n), see `kfit.generators.RotationHead.divergence`.
 
-    The head shares nothing with a generator, so it is trained by itself; `kfit pack` puts both into one model. Batches
+    The head shares nothing with a generator, so it is trained alone; `kfit pack` combines both in one model. Batches
     are those of `kfit.data.ViewsDataModule`; their sources and targets are both used.
 
     Args:
@@ -32,8 +32,8 @@ class PoseTraining(Training):
         crop: turns views in the plane and cuts them out.
         rate: largest learning rate of AdamW; it rises over the first twentieth of the steps and falls as a cosine.
         weight_decay: of AdamW.
-        recolor: augmentation of colours; None leaves them.
-        photograph: augmentation that makes views look like cut-outs of photos; None leaves them clean.
+        recoloring: augmentation of colours; None leaves them.
+        photometric: augmentation that makes views resemble crops of photos; None leaves them clean.
         mirror: flip half of the views, which changes azimuth α to π − α and roll ρ to −ρ. Objects of NOCS's categories
             look much the same in a mirror that holds their x and y axes, so this doubles the objects.
         compile: compile the head (`torch.compile`). Without a C++ compiler training goes on uncompiled.
@@ -48,8 +48,8 @@ class PoseTraining(Training):
         crop: RandomCrop | None = None,
         rate: float = 1.5e-3,
         weight_decay: float = 1e-3,
-        recolor: RandomRecolor | None = None,
-        photograph: PhotometricAugmentation | None = None,
+        recoloring: RandomRecolor | None = None,
+        photometric: PhotometricAugmentation | None = None,
         mirror: bool = True,
         compile: bool = False,
     ) -> None:
@@ -60,7 +60,7 @@ class PoseTraining(Training):
         check_choice("compile", compile, (False, True))
         self.remember(inspect.currentframe())
         self.pose_head, self.rate, self.weight_decay = pose_head, rate, weight_decay
-        self.crop, self.recolor, self.photograph = crop or RandomCrop(), recolor, photograph
+        self.crop, self.recoloring, self.photometric = crop or RandomCrop(), recoloring, photometric
         self.mirror, self.compiles = mirror, compile
 
     def on_fit_start(self) -> None:
@@ -76,9 +76,9 @@ class PoseTraining(Training):
         image, mask, azimuth, elevation = _views(batch)
         # Half precision is too coarse for the places of pixels.
         with torch.no_grad(), torch.autocast(self.device.type, enabled=False):
-            if self.photograph is not None:
-                image = self.photograph(image, mask)
-            image = image if self.recolor is None else self.recolor(image)
+            if self.photometric is not None:
+                image = self.photometric(image, mask)
+            image = image if self.recoloring is None else self.recoloring(image)
             image, roll = self.crop(image, mask)
             if self.mirror:
                 flipped = torch.rand_like(azimuth) < 0.5
@@ -90,7 +90,7 @@ class PoseTraining(Training):
         return loss
 
     def report(self, batch: dict[str, Tensor], stage: str) -> None:
-        """Log the loss, and how far the likeliest rotation is from the truth, for rolls over the whole circle."""
+        """Log the loss and the error of the likeliest rotation, for rolls over the full circle."""
         image, mask, azimuth, elevation = _views(batch)
         golden = math.pi * (3 - math.sqrt(5))  # the same rolls in each epoch
         roll = (golden * torch.arange(len(image), device=image.device, dtype=image.dtype)) % (2 * math.pi)

@@ -1,4 +1,4 @@
-"""A fit that is short enough to judge a generator by: the pose of views of which nothing is known."""
+"""A short fit that evaluates a generator: poses of views of which nothing is known."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ RATES = {"code": 0.3, "azimuth": 0.03, "elevation": 0.01}
 STARTS, STEPS = 4, 16
 
 
-def fitted_rotations(generator: Generator, encoder: Encoder, seen: Observation) -> Tensor:
+def fitted_rotations(generator: Generator, encoder: Encoder, observation: Observation) -> Tensor:
     """Rotations that explain views by the standard camera, whose roll, shift and scale are known, and distance if
     the views have intrinsics.
 
@@ -31,7 +31,7 @@ def fitted_rotations(generator: Generator, encoder: Encoder, seen: Observation) 
     Args:
         generator: of ``code``, ``azimuth`` and ``elevation``.
         encoder: picture → Gaussian over the code.
-        seen: N views, with masks if the generator draws any, and intrinsics only if it has a ``focal``.
+        observation: N views, with masks if the generator draws any, and intrinsics only if it has a ``focal``.
 
     Returns:
         (N, 3, 3) in the generator's y-up frame, not a number where every start failed.
@@ -40,11 +40,11 @@ def fitted_rotations(generator: Generator, encoder: Encoder, seen: Observation) 
     with torch.inference_mode(False), torch.no_grad():
         energies: dict[str, Energy | Prior] = {"ssim": SSIM(), "prior": CodePrior()}
         weights: dict[str, float | Schedule] = {"ssim": 2.0, "prior": 0.02}
-        if seen.mask is not None:
+        if observation.mask is not None:
             energies["silhouette"], weights["silhouette"] = Silhouette(), 5.0
         initializers: list[Initializer] = [SphereGrid(), EncoderPosterior(encoder)]
         rates = dict(RATES)
-        if seen.intrinsics is None:
+        if observation.intrinsics is None:
             generator = fixed_camera(generator)
         else:
             initializers.append(FromCamera())
@@ -61,6 +61,6 @@ def fitted_rotations(generator: Generator, encoder: Encoder, seen: Observation) 
             num_candidates=16 * STARTS,
         )
         # Not in autocast's halves, which are half a degree wide.
-        found = {name: value.double() for name, value in pipeline(seen, seed=0).values.items()}
+        found = {name: value.double() for name, value in pipeline(observation, seed=0).values.items()}
         rotation: Tensor = rotation_of(found)
         return rotation

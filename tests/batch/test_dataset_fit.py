@@ -285,8 +285,8 @@ def test_processes_that_read_cut_the_same_out(nocs):
         found.append([image for batch in data.predict_dataloader() for image in batch])
     assert [image.name for image in found[0]] == data.left
     for here, there in zip(*found, strict=True):
-        assert len(here.seen) == len(there.seen) == len(here.objects)
-        for one, other in zip(here.seen, there.seen, strict=True):
+        assert len(here.observed) == len(there.observed) == len(here.objects)
+        for one, other in zip(here.observed, there.observed, strict=True):
             if isinstance(one, str):
                 assert one == other == "there is no model of the category"
             else:

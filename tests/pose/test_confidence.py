@@ -176,7 +176,7 @@ def test_of_equal_energies_the_look_of_the_own_problem_counts() -> None:
     )  # fmt: skip
     known = Calibration(1.0, {}, 2.0, {**FITS, "weights": {"l1": 1.0}}, 9)
     for problem, expected in ((0, 0.5), (1, 0.9)):
-        assert confidence(None, fit.of(problem), found(energy=10.0), None, known)[0] == expected
+        assert confidence(None, fit[problem], found(energy=10.0), None, known)[0] == expected
 
 
 def test_a_card_keeps_its_calibrations(tiny_file: Path) -> None:

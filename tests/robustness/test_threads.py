@@ -57,7 +57,8 @@ class TestThreads:
         views = [seen(name, 3) for name in names]
 
         def pose(number: int) -> PoseResult:
-            return kfit.load(names[number]).pose(views[number].image, mask=views[number].mask, seed=number)
+            model, view = kfit.load(names[number]), views[number]
+            return model.pose(view.image, mask=view.mask, seed=number, pipeline=model.pipeline(2, 2))
 
         alone = [pose(number) for number in range(THREADS)]
         for one, other in zip(at_once(pose), alone, strict=True):
@@ -123,11 +124,9 @@ class TestAnInterrupt:
     def test_leaves_the_pipeline_as_it_was(self):
         fit = blobs()
         expected = fit(blob(1), seed=1)
-        fit.callbacks.append(Fails(KeyboardInterrupt))
         for _ in range(2):
             with pytest.raises(KeyboardInterrupt):
-                fit(blob(2), seed=2)
-        fit.callbacks.pop()
+                fit(blob(2), seed=2, callbacks=[Fails(KeyboardInterrupt)])
         assert torch.is_grad_enabled()
         same_history(fit(blob(1), seed=1), expected)
 

@@ -61,7 +61,7 @@ class Found:
 
     Attributes:
         rotation_deg: (N,) errors by the category's symmetry; by the vertical axis alone where a handle is hidden.
-        translation_cm: (N,) errors; None of methods that tell no place.
+        translation_cm: (N,) errors; None for methods without translation.
         boxes: of the first views, rotation (3, 3) in OpenCV axes, translation (3,) and size (3,) in metres.
         drawing: (`SHOWN`, 3, S, S) of the first views, where something was drawn.
         results: of the fits, where there were any.
@@ -126,7 +126,7 @@ def by_fit(model: CategoryModel, views: HeldOutViews, pipeline: FitPipeline, on_
     angles = [torch.cat([r.values[name] for r in results]).double() for name in ("azimuth", "elevation", "roll")]
     away = errors(rotation_from_angles(*angles), views, model.card.category)
     shifts = 100 * translation_errors(model, views, results)
-    fits = [result.of(number) for result in results for number in range(len(result.energy))][:SHOWN]
+    fits = [one for result in results for one in result][:SHOWN]
     boxes = []
     for fit, crop, camera in zip(fits, views.crops, views.intrinsics, strict=False):
         rotation, place, diagonal = placement(fit.values, crop, camera, model.card)
@@ -143,18 +143,18 @@ def by_head(head: PoseNetwork, views: HeldOutViews, category: str) -> Found:
 
 
 def by_regressor(regressor: OrientationRegressor, views: HeldOutViews, category: str) -> Found:
-    """What a regressor says."""
+    """Predictions of a regressor."""
     with torch.no_grad():
         return Found(errors(regressor(views.observation.image).double(), views, category))
 
 
 def by_coordinates(network: CoordinateRegressor, views: HeldOutViews, category: str) -> Found:
     """Regressed NOCS coordinates brought onto the depth; NaN where that fails."""
-    seen = views.observation
-    coordinates = network.coordinates(seen.image)
+    observation = views.observation
+    coordinates = network.coordinates(observation.image)
     rotations, shifts, boxes = [], [], []
-    for number in range(seen.num_problems):
-        mask, depth, camera = (seen.field(name)[number] for name in ("mask", "depth", "intrinsics"))
+    for number in range(observation.num_problems):
+        mask, depth, camera = (observation.field(name)[number] for name in ("mask", "depth", "intrinsics"))
         rotation, place, size = torch.full((3, 3), torch.nan), torch.full((3,), torch.nan), torch.ones(3)
         with suppress(ValueError):  # nothing that could be aligned
             *pose, diagonal = pose_of_coordinates(coordinates[number], mask[0], depth[0], camera)
@@ -169,7 +169,7 @@ def by_coordinates(network: CoordinateRegressor, views: HeldOutViews, category: 
 
 
 def errors(rotation: Tensor, views: HeldOutViews, category: str) -> Tensor:
-    """Rotation errors (N,) in degrees as NOCS judges: by the axis where the class, or a hidden handle, is symmetric."""
+    """Rotation errors (N,) in degrees as in NOCS: by the axis where the class, or a hidden handle, is symmetric."""
     full = rotation_error(rotation, views.rotation, CATEGORIES[category].symmetry)
     return torch.where(views.visible, full, rotation_error(rotation, views.rotation, "y")).rad2deg()
 
