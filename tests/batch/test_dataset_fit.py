@@ -247,7 +247,7 @@ def test_each_photo_with_a_mask_gets_the_answer_that_it_gets_alone(models, tmp_p
         module = fit(PhotoFolder(photos, "mug"), out, models)
     said = "\n".join(str(warning.message) for warning in warned)
     assert "there will be no damaged.json: " in said
-    assert "there will be no bare.json: nothing tells the object: neither" in said
+    assert "there will be no bare.json: no mask of the object: neither" in said
     assert (module.counts["images"], module.counts["unreadable"]) == (1, 2)
     assert set(contents(out)) == {"cup.json", "fit.json"}
     model, threads = load(models["mug"]), torch.get_num_threads()
