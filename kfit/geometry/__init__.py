@@ -29,6 +29,7 @@ from kfit.geometry.pose import (
     to_opencv,
 )
 from kfit.geometry.pose_network import PoseNetwork
+from kfit.geometry.refiner_network import PoseUpdate, RefinerNetwork, rotation_update, updated_rotation
 
 __all__ = [
     "CATEGORIES",
@@ -37,6 +38,8 @@ __all__ = [
     "Category",
     "Crop",
     "PoseNetwork",
+    "PoseUpdate",
+    "RefinerNetwork",
     "Symmetry",
     "angles_from_rotation",
     "azimuth_from_released",
@@ -55,8 +58,10 @@ __all__ = [
     "rotation_clusters",
     "rotation_error",
     "rotation_from_angles",
+    "rotation_update",
     "rotation_spread_deg",
     "to_opencv",
+    "updated_rotation",
     "viewing_ray",
     "viewing_ray_rotation",
     "was_cropped",

@@ -1,0 +1,69 @@
+"""The contract of networks that compare a photo with a drawing and predict how the drawing's pose must change."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import NamedTuple
+
+import torch
+from kornia.geometry.conversions import axis_angle_to_rotation_matrix, rotation_matrix_to_axis_angle
+from torch import Tensor, nn
+
+from kfit.geometry.pose import Symmetry
+
+# Below this the axis of a rotation between two directions is not defined.
+_SMALLEST = 1e-6
+
+
+class PoseUpdate(NamedTuple):
+    """How N drawn poses must change, and how certain that is.
+
+    Attributes:
+        rotation: (N, 3) rotation vectors ω in radians in the axes of the camera (x right, y up, z towards the viewer):
+            the new rotation is exp([ω]×) · R.
+        shift: (N, 2) to be added to the shift, in half-widths of the picture (x right, y up).
+        log_scale: (N,) to be added to the logarithm of the scale.
+        log_spread: (N, 4) logarithms of the expected absolute errors of the update: of the tilt of the object's
+            vertical axis and the turn about it, both in radians, of the shift, and of the log scale.
+        logit: (N,) log-odds that the drawn rotation is right, before the update.
+    """
+
+    rotation: Tensor
+    shift: Tensor
+    log_scale: Tensor
+    log_spread: Tensor
+    logit: Tensor
+
+
+class RefinerNetwork(nn.Module, ABC):
+    """Compares photos with drawings and predicts how the drawn poses must change.
+
+    Rotations are updated in the axes of the camera. There a turn of the picture turns the update, a mirror mirrors it,
+    no pose is singular, and the same motion of the picture is the same update at every azimuth and for every category.
+    Updates of azimuth, elevation and roll would depend on the pose: straight from above azimuth and roll are one.
+    """
+
+    @abstractmethod
+    def forward(self, observed: Tensor, drawn: Tensor) -> PoseUpdate:
+        """Compare pictures (N, 4, S, S), RGB in [0, 1] on white and mask, row by row."""
+
+
+def updated_rotation(rotation: Tensor, update: Tensor) -> Tensor:
+    """Rotations (N, 3, 3) after updates (N, 3) in the axes of the camera: exp([ω]×) · R."""
+    turned: Tensor = axis_angle_to_rotation_matrix(update) @ rotation
+    return turned
+
+
+def rotation_update(rotation: Tensor, target: Tensor, symmetry: Symmetry = "none") -> Tensor:
+    """The update (N, 3) that takes rotations (N, 3, 3) to their targets, the inverse of `updated_rotation`.
+
+    With the symmetry ``"y"`` it is the least rotation that takes the vertical axis u to its target u*, along u × u*.
+    """
+    if symmetry == "none":
+        update: Tensor = rotation_matrix_to_axis_angle(target @ rotation.mT)
+        return update
+    up, wanted = rotation[:, :, 1], target[:, :, 1]
+    axis = torch.linalg.cross(up, wanted)
+    sine = axis.norm(dim=1, keepdim=True)
+    angle = torch.atan2(sine, (up * wanted).sum(1, keepdim=True))
+    return axis / sine.clamp_min(_SMALLEST) * angle
