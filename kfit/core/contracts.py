@@ -22,7 +22,7 @@ from kfit.core.result import FitResult
 from kfit.core.state import Evaluation, FitState, Observation, Rendering
 from kfit.core.variables import Variable, Variables
 
-Need = Literal["value", "gradient", "residuals"]
+Need = Literal["value", "gradient", "residuals", "pictures"]
 Step: TypeAlias = "tuple[Variables, Evaluation, Any]"
 
 
@@ -209,7 +209,8 @@ class Initializer(Part, ABC):
 class Evaluate(Protocol):
     """Draws rows and compares them: any number of rows, each with the problem that it belongs to.
 
-    Only ``need="gradient"`` builds a graph; residuals can be had where all descended terms are sums of squares.
+    Only ``need="gradient"`` builds a graph; residuals can be had where all descended terms are sums of squares;
+    ``need="pictures"`` gives the observed pictures too.
     """
 
     def __call__(self, raw: Variables, problem: Tensor, need: Need = "value") -> Evaluation:
@@ -239,6 +240,11 @@ class Linearization(Protocol):
 
 class Optimizer(Part, ABC):
     """Moves rows downhill. Stateless: its memory is a value in which every tensor leads with rows."""
+
+    @property
+    def networks(self) -> list[nn.Module]:
+        """Networks that it holds, which a pipeline moves to its device."""
+        return [value for value in vars(self).values() if isinstance(value, nn.Module)]
 
     @abstractmethod
     def init(self, raw: Variables, seeds: Tensor) -> Any:

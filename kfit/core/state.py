@@ -136,6 +136,7 @@ class Evaluation:
         gradient: of the sum of ``energy`` over rows with respect to raw variables, if asked for.
         residuals: (N, M) whose squares sum to ``energy``, if asked for.
         rendering: what was drawn, N pictures.
+        observed: fields of the observation for these N pictures, if asked for.
     """
 
     energy: Tensor
@@ -145,6 +146,7 @@ class Evaluation:
     gradient: Variables | None = None
     residuals: Tensor | None = None
     rendering: Rendering | None = None
+    observed: dict[str, Tensor] | None = None
 
 
 @dataclass

@@ -144,7 +144,14 @@ class Objective:
             gradient=gradient,
             residuals=torch.cat(drawn.residuals, 1) if need == "residuals" else None,
             rendering=drawn.rendering.map(Tensor.detach),
+            observed=self._observed(rows.picture) if need == "pictures" else None,
         )
+
+    def _observed(self, picture: Tensor) -> dict[str, Tensor]:
+        """Fields of the observation for the pictures of these numbers."""
+        fields = {name: value for name, value in vars(self.observation).items() if isinstance(value, Tensor)}
+        gathered: dict[str, Tensor] = self._rows_of(fields, picture)
+        return gathered
 
     def _draw(self, raw: Variables, rows: RowInputs, need: Need) -> DrawnRows:
         """Draw rows and compare them, with a graph where gradients are enabled."""

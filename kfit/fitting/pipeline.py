@@ -115,9 +115,10 @@ class FitPipeline(nn.Module):
         self.num_candidates = num_starts if num_candidates is None else num_candidates
         if not any((rank_weights or self.weights_at(num_steps)).values()):
             raise ValueError("rank_weights must hold a number other than 0, or no start is better than another")
-        # Initializers are no modules: what networks they hold are registered, so that `to` moves these too.
+        # Initializers and optimizers are no modules: networks that they hold are registered, so that `to` moves these.
         held = [value for initializer in self.initializers for value in vars(initializer).values()]
-        self.networks = nn.ModuleList(value for value in held if isinstance(value, nn.Module))
+        networks = [value for value in held if isinstance(value, nn.Module)]
+        self.networks = nn.ModuleList([*networks, *optimizer.networks])
         self.eval()
         zeros = {name: torch.zeros(2, *v.raw_shape) for name, v in generator.variables.items()}
         check_memory(optimizer, optimizer.init(zeros, torch.zeros(2, dtype=torch.long)), 2)

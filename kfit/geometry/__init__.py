@@ -29,7 +29,13 @@ from kfit.geometry.pose import (
     to_opencv,
 )
 from kfit.geometry.pose_network import PoseNetwork
-from kfit.geometry.refiner_network import PoseUpdate, RefinerNetwork, rotation_update, updated_rotation
+from kfit.geometry.refiner_network import (
+    PoseUpdate,
+    RefinerNetwork,
+    refiner_input,
+    rotation_update,
+    updated_rotation,
+)
 
 __all__ = [
     "CATEGORIES",
@@ -55,6 +61,7 @@ __all__ = [
     "observed",
     "pose_from_crop",
     "project",
+    "refiner_input",
     "rotation_clusters",
     "rotation_error",
     "rotation_from_angles",

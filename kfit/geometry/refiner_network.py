@@ -9,6 +9,7 @@ import torch
 from kornia.geometry.conversions import axis_angle_to_rotation_matrix, rotation_matrix_to_axis_angle
 from torch import Tensor, nn
 
+from kfit.core.part import Part
 from kfit.geometry.pose import Symmetry
 
 # Below this the axis of a rotation between two directions is not defined.
@@ -35,7 +36,7 @@ class PoseUpdate(NamedTuple):
     logit: Tensor
 
 
-class RefinerNetwork(nn.Module, ABC):
+class RefinerNetwork(Part, nn.Module, ABC):
     """Compares photos with drawings and predicts how the drawn poses must change.
 
     Rotations are updated in the axes of the camera. There a turn of the picture turns the update, a mirror mirrors it,
@@ -46,6 +47,17 @@ class RefinerNetwork(nn.Module, ABC):
     @abstractmethod
     def forward(self, observed: Tensor, drawn: Tensor) -> PoseUpdate:
         """Compare pictures (N, 4, S, S), RGB in [0, 1] on white and mask, row by row."""
+
+
+def refiner_input(image: Tensor, mask: Tensor, weight: Tensor | None = None) -> Tensor:
+    """What a refiner sees of pictures (N, 3, S, S) and masks (N, 1, S, S): (N, 4, S, S), white where the weight is 0.
+
+    Args:
+        weight: (N, 1, S, S), 0 where a pixel does not count; then photo and drawing are white there, and out of masks.
+    """
+    if weight is not None:
+        image, mask = torch.where(weight > 0, image, 1.0), torch.where(weight > 0, mask, 0.0)
+    return torch.cat([image, mask], 1)
 
 
 def updated_rotation(rotation: Tensor, update: Tensor) -> Tensor:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from torch import Tensor
+from torch import Tensor, nn
 
 from kfit.core import Evaluate, Evaluation, Optimizer, Variables
 from kfit.core.check import check_count, check_list
@@ -26,6 +26,10 @@ class Stages(Optimizer):
     def __init__(self, stages: Sequence[tuple[Optimizer, int]]) -> None:
         check_list("Stages: stages", stages, None, _check_stage)
         self.stages = list(stages)
+
+    @property
+    def networks(self) -> list[nn.Module]:
+        return [network for optimizer, _ in self.stages for network in optimizer.networks]
 
     def init(self, raw: Variables, seeds: Tensor) -> Any:
         first, *_ = [optimizer.init(raw, seeds) for optimizer, _ in self.stages]  # the others' names are checked too

@@ -11,7 +11,7 @@ from torch import Tensor
 from kfit.core import Encoder, Generator
 from kfit.generators import SimilarityWarp
 from kfit.geometry import Symmetry, angles_from_rotation, focal_by_distance, rotation_error, rotation_from_angles
-from kfit.geometry.refiner_network import PoseUpdate, rotation_update, updated_rotation
+from kfit.geometry.refiner_network import PoseUpdate, refiner_input, rotation_update, updated_rotation
 from kfit.training.refiner_rows import RefinerRows
 
 # Shares of hypotheses near the truth and of those that are flipped; the others have any rotation.
@@ -31,6 +31,7 @@ class Hypotheses(NamedTuple):
         at_rotation, at_shift, at_log_scale: the hypotheses.
         code: (N, D).
         focal: (N,) focal lengths over the width of the pictures.
+        visible: (N, 1, S, S), 0 where something known hides the object.
     """
 
     observed: Tensor
@@ -42,11 +43,12 @@ class Hypotheses(NamedTuple):
     at_log_scale: Tensor
     code: Tensor
     focal: Tensor
+    visible: Tensor
 
     @staticmethod
     def sample(
         observed: Tensor, rotation: Tensor, shift: Tensor, log_scale: Tensor, distance: Tensor,
-        encoder: Encoder, unit_fraction: float,
+        visible: Tensor, encoder: Encoder, unit_fraction: float,
     ) -> Hypotheses:  # fmt: skip
         """Choose codes and hypotheses for pictures (N, 4, S, S) of known poses at known distances in box diagonals.
 
@@ -60,8 +62,8 @@ class Hypotheses(NamedTuple):
         at_log_scale = half[2] * (log_scale + LOG_SCALE * torch.randn_like(log_scale))
         focal = focal_by_distance(distance, unit_fraction) * log_scale.exp()
         focal = focal * (LOG_FOCAL * half[3] * torch.randn_like(focal)).exp()
-        at_rotation = random_hypotheses(rotation)
-        return Hypotheses(observed, rotation, shift, log_scale, at_rotation, at_shift, at_log_scale, code, focal)
+        truth, at = (rotation, shift, log_scale), (random_hypotheses(rotation), at_shift, at_log_scale)
+        return Hypotheses(observed, *truth, *at, code, focal, visible)
 
     def select(self, rows: Tensor) -> Hypotheses:
         """Those of the numbers ``rows``."""
@@ -80,7 +82,7 @@ class Hypotheses(NamedTuple):
         drawn = SimilarityWarp(generator)(code=self.code, **angles, **place, **lens)
         return RefinerRows(
             observed=self.observed,
-            drawn=torch.cat([drawn.image, drawn.mask], 1).float(),
+            drawn=refiner_input(drawn.image, drawn.mask, self.visible),
             up=self.at_rotation[:, :, 1],
             rotation=rotation_update(self.at_rotation, self.rotation, symmetry),
             shift=self.shift - self.at_shift,

@@ -20,8 +20,8 @@ from kfit.training.random_recolor import RandomRecolor
 from kfit.training.refiner_rows import REACH_DEG, RefinerMemory, RefinerRows
 from kfit.training.training import Training
 
-# Largest share of an object that is hidden, and the share of pictures in which some is.
-LARGEST_HIDDEN, HIDDEN = 0.4, 0.3
+# Largest share of an object that is hidden, and the share of pictures in which some is; in half of these it is known.
+LARGEST_HIDDEN, HIDDEN = 0.5, 0.3
 LOGIT_WEIGHT = 2.0
 
 
@@ -129,16 +129,21 @@ class RefinerTraining(Training):
         # Half precision is too coarse for rotations and the places of pixels.
         with torch.autocast(self.device.type, enabled=False):
             image, mask = self.photograph.with_mask(image, mask)
-            even = torch.rand(2, len(image), device=image.device)
-            image, mask = occluded(image, mask, LARGEST_HIDDEN * even[0] * (even[1] < HIDDEN))
-            image, mask, crop = self.crop.draw(image, mask)
+            even = torch.rand(3, len(image), device=image.device)
+            # What becomes white where something hides the object is a picture of what hides it.
+            image, mask = occluded(
+                torch.cat([image, 0 * mask], 1), mask, LARGEST_HIDDEN * even[0] * (even[1] < HIDDEN)
+            )
+            visible = 1 - image[:, 3:] * (even[2] < 0.5).to(image)[:, None, None, None]
+            image, mask, crop = self.crop.draw(image[:, :3], mask)
             # White outside of the picture is no object outside of the mask.
-            cut = crop.cut(torch.cat([image, 1 - mask], 1), self.crop.size)
-            observed = torch.cat([cut[:, :3], 1 - cut[:, 3:]], 1).clamp(0, 1)
+            cut = crop.cut(torch.cat([image, 1 - mask, visible], 1), self.crop.size)
+            observed, visible = torch.cat([cut[:, :3], 1 - cut[:, 3:4]], 1).clamp(0, 1), (cut[:, 4:] > 0.5).to(cut)
             rotation = rotation_from_angles(views["azimuth"], views["elevation"], crop.roll)
             shift = crop.centre * image.new_tensor([-2.0, 2.0]) / crop.side[:, None]
             log_scale, fraction = (image.shape[-1] / crop.side).log(), CATEGORIES[category].unit_fraction
-            return Hypotheses.sample(observed, rotation, shift, log_scale, views["distance"], encoder, fraction)
+            truth = (rotation, shift, log_scale, views["distance"])
+            return Hypotheses.sample(observed, *truth, visible, encoder, fraction)
 
     def _drawn(self, category: str, hypotheses: Hypotheses) -> RefinerRows:
         return hypotheses.draw(self._of(category)[0], CATEGORIES[category].symmetry)
