@@ -42,7 +42,7 @@ class PoseRefiner(RefinerNetwork):
 
     def __init__(
         self,
-        channels: Sequence[int] = (40, 80, 160, 256),
+        channels: Sequence[int] = (32, 64, 128, 192),
         hidden_dim: int = 256,
         image_size: int = 64,
         pretrained: bool = True,

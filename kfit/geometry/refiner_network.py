@@ -78,4 +78,5 @@ def rotation_update(rotation: Tensor, target: Tensor, symmetry: Symmetry = "none
     axis = torch.linalg.cross(up, wanted)
     sine = axis.norm(dim=1, keepdim=True)
     angle = torch.atan2(sine, (up * wanted).sum(1, keepdim=True))
-    return axis / sine.clamp_min(_SMALLEST) * angle
+    least: Tensor = axis / sine.clamp_min(_SMALLEST) * angle
+    return least

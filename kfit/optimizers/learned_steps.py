@@ -44,7 +44,8 @@ class LearnedSteps(Optimizer):
     ) -> tuple[Variables, Evaluation, Any]:
         seen = evaluate(raw, problem, need="pictures")
         drawn, observed = seen.rendering, seen.observed
-        assert drawn is not None and observed is not None  # asked for
+        assert drawn is not None
+        assert observed is not None  # asked for
         if drawn.mask is None or "mask" not in observed:
             raise ValueError("LearnedSteps needs masks, both drawn and observed")
         if len(drawn.image) != len(problem):

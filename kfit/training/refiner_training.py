@@ -131,9 +131,7 @@ class RefinerTraining(Training):
             image, mask = self.photograph.with_mask(image, mask)
             even = torch.rand(3, len(image), device=image.device)
             # What becomes white where something hides the object is a picture of what hides it.
-            image, mask = occluded(
-                torch.cat([image, 0 * mask], 1), mask, LARGEST_HIDDEN * even[0] * (even[1] < HIDDEN)
-            )
+            image, mask = occluded(torch.cat([image, 0 * mask], 1), mask, LARGEST_HIDDEN * even[0] * (even[1] < HIDDEN))
             visible = 1 - image[:, 3:] * (even[2] < 0.5).to(image)[:, None, None, None]
             image, mask, crop = self.crop.draw(image[:, :3], mask)
             # White outside of the picture is no object outside of the mask.
