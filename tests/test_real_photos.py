@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -13,6 +14,7 @@ from skimage.measure import ransac
 from skimage.transform import SimilarityTransform
 
 import kfit
+from kfit.data import NOCSFrames
 from kfit.geometry import CATEGORIES, rotation_error
 from kfit.models import bundled
 
@@ -49,3 +51,37 @@ def test_an_object_of_the_real_frame_is_found(dev_data: Path, instance: int, bar
     found = kfit.load(category).pose(f"{frame}_color.png", mask=mask, intrinsics=CAMERA)
     error = rotation_error(torch.from_numpy(found.rotation), rotation, CATEGORIES[category].symmetry)
     assert math.degrees(error) < bar
+
+
+def dirty_masks(mask: np.ndarray) -> dict[str, np.ndarray]:
+    """A mask (H, W) as careless tools leave it."""
+    rng, height, width = np.random.default_rng(0), *mask.shape
+    stray, second = mask.copy(), mask.copy()
+    # Where there is most room: the corner farthest from the object.
+    rows, columns = np.nonzero(mask)
+    row, column = (2 if rows.mean() > height / 2 else height - 3, 2 if columns.mean() > width / 2 else width - 3)
+    stray[row, column] = True
+    side = round(0.3 * math.sqrt(mask.sum()))  # a tenth of the object's area
+    second[
+        slice(0, side) if row == 2 else slice(height - side, height),
+        slice(0, side) if column == 2 else slice(width - side, width),
+    ] = True
+    return {"a stray pixel": stray, "0.1 % speckle": mask ^ (rng.random(mask.shape) < 0.001), "a second part": second}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("split", "number"), [("real_train", 0), ("camera_val", 0)])
+def test_specks_and_second_parts_of_a_mask_turn_no_answer_by_two_degrees(
+    dev_data: Path, split: str, number: int
+) -> None:
+    frame = NOCSFrames(dev_data / "nocs_sample", split)[number]
+    turned = {}
+    for one in frame.objects:
+        model, symmetry = kfit.load(one.category), CATEGORIES[one.category].symmetry
+        pose = partial(model.pose, frame.image, intrinsics=frame.intrinsics)
+        clean = torch.from_numpy(pose(mask=one.mask).rotation)
+        for name, mask in dirty_masks(one.mask).items():
+            error = rotation_error(torch.from_numpy(pose(mask=mask).rotation), clean, symmetry)
+            turned[one.category, one.instance, name] = math.degrees(error)
+    print(turned)
+    assert max(turned.values()) < 2, turned

@@ -10,6 +10,7 @@ from functools import lru_cache
 from pathlib import Path
 from tempfile import mkdtemp
 from threading import Lock
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,9 +20,9 @@ from kfit.app.watched import Drawn, watched
 from kfit.models import load
 from kfit.pose import CategoryModel, PoseResult
 from kfit.pose.object_finder import FoundObject
-from kfit.pose.targets import find_targets, with_score
+from kfit.pose.targets import find_targets
 from kfit.runtime.atomic_write import atomic_write
-from kfit.segmentation import ObjectMask, Photo, mask_from_alpha, mask_from_file
+from kfit.segmentation import Photo, mask_from_alpha, mask_from_file
 
 EXAMPLE_MASK = Path(__file__).parent / "coffee_mask.png"
 # Idle visitors are forgotten beyond so many sessions, and pixels in all of them, which are 12 bytes each.
@@ -36,18 +37,27 @@ class Session:
         folder: of its own, deleted by `close`.
 
     Attributes:
+        photo: the picture.
+        targets: what was found in it.
+        target: the one that is to be fitted, found, drawn or told by a mask.
         busy: whether a fit of it waits or runs, so that it makes room for no other.
     """
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.photo: Photo | None = None
-        self.mask: NDArray[np.float32] | None = None
         self.targets: list[FoundObject] = []
+        self.target: FoundObject | None = None
         self.busy = False
         self._name = ""
-        # How `kfit pose` is told the object.
-        self._told: list[str] = []
+        # What points at the object, for `find_targets` and for `kfit pose`; neither where it was found.
+        self._pointed: dict[str, Any] = {}
+        self._words: list[str] = []
+
+    @property
+    def mask(self) -> NDArray[np.float32] | None:
+        """Of the object that is to be fitted, (H, W)."""
+        return None if self.target is None else self.target.segment.mask
 
     @property
     def pixels(self) -> int:
@@ -55,9 +65,9 @@ class Session:
         return 0 if self.photo is None else self.photo.image.shape[0] * self.photo.image.shape[1]
 
     def take(self, path: Path) -> None:
-        """Read an uploaded photo and delete the file; an alpha channel that sets an object off is its mask.
+        """Read an uploaded photo, delete the file, and find the objects of kfit's categories.
 
-        Without such a channel the objects of kfit's categories are found, and the first of them is chosen.
+        An alpha channel that sets an object off tells the one that is meant. The first found is chosen.
 
         Raises:
             ValueError: for a file that cannot be used, in one sentence; what was there before stays.
@@ -66,11 +76,10 @@ class Session:
             photo = read_upload(path)
         finally:
             path.unlink(missing_ok=True)
-        alpha = mask_from_alpha(photo.alpha)
-        self.photo, self.mask, self._name, self._told = photo, alpha, path.name, []
-        self.targets = find_targets(photo) if alpha is None else []
-        if self.targets:
-            self.choose(0)
+        targets = find_targets(photo)
+        self.photo, self._name, self._pointed, self._words = photo, path.name, {}, []
+        self.target = targets[0] if targets else None
+        self.targets = targets if mask_from_alpha(photo.alpha) is None else []
 
     def found(self) -> list[str]:
         """Names of what was found, each with its probability."""
@@ -78,17 +87,14 @@ class Session:
 
     def choose(self, number: int) -> None:
         """Take what was found as number ``number``, from 0, for the object."""
-        target = self.targets[number]
-        self.mask = target.segment.mask
-        self._told = ["--box", *(f"{part:.0f}" for part in target.box)]
+        self.target, self._pointed, self._words = self.targets[number], {}, []
 
     def take_example(self) -> None:
         """Take the photo of a cup that scikit-image ships, with a mask drawn by hand."""
         from skimage.data import coffee
 
-        self.photo = Photo(coffee().astype(np.float32) / np.float32(255))
-        self.mask = mask_from_file(EXAMPLE_MASK, self.photo.image.shape[:2])
-        self._name, self._told, self.targets = "coffee.png", ["--mask", EXAMPLE_MASK.name], []
+        self.photo, self.targets, self._name = Photo(coffee().astype(np.float32) / np.float32(255)), [], "coffee.png"
+        self._point(["--mask", EXAMPLE_MASK.name], mask=mask_from_file(EXAMPLE_MASK, self.photo.image.shape[:2]))
 
     def take_mask(self, path: Path) -> None:
         """Read an uploaded mask and delete the file.
@@ -97,10 +103,10 @@ class Session:
             ValueError: if it cannot be used or there is no photo yet; what was there before stays.
         """
         try:
-            self.mask = checked(path, lambda file: mask_from_file(file, self._seen().image.shape[:2]))
+            mask = checked(path, lambda file: mask_from_file(file, self._seen().image.shape[:2]))
         finally:
             path.unlink(missing_ok=True)
-        self._told = ["--mask", path.name]
+        self._point(["--mask", path.name], mask=mask)
 
     def draw(self, box: Fractions) -> None:
         """Find the object in a box; where none is found there is no mask.
@@ -111,47 +117,51 @@ class Session:
         Raises:
             ValueError: if nothing stands out in the box, or there is no photo yet.
         """
-        image = self._seen().image
-        height, width = image.shape[:2]
+        height, width = self._seen().image.shape[:2]
         left, top, across, down = (
             round(part * whole) for part, whole in zip(box, (width, height, width, height), strict=True)
         )
-        self.mask = None
-        self.mask = ObjectMask()(image, "object", (left, top, across, down)).mask
-        self._told = ["--box", *(str(number) for number in (left, top, across, down))]
+        self.target = None
+        box_in_pixels = (left, top, across, down)
+        self._point(["--box", *map(str, box_in_pixels)], box=box_in_pixels)
+
+    def _point(self, words: list[str], **pointed: Any) -> None:
+        """Take what a mask or a box points at for the object; ``words`` tell `kfit pose` the same."""
+        (self.target,) = find_targets(self._seen(), **pointed)
+        self._pointed, self._words = pointed, words
 
     def fit(self, category: str | None) -> Iterator[Drawn | PoseResult]:
-        """Fit what the mask shows: one `Drawn` a step, at last the result.
+        """Fit the object as `command` does: one `Drawn` a step, at last the result.
 
         Raises:
-            ValueError: if picture, mask or category is still to be given.
+            ValueError: if picture, object or category is still to be given.
         """
-        photo = self._seen()
-        if self.mask is None:
+        photo, target = self._seen(), self.target
+        if target is None:
             raise ValueError("Draw a box around the object first, so that it is known what is to be fitted.")
         if category is None:
             raise ValueError("Choose what kind of object it is.")
-        # The photo's own alpha channel is used as `kfit pose` does, which is not told of it.
-        mask = self.mask if self._told else None
-        return self._checked(watched(_model(category), photo, mask), photo, category, mask)
-
-    @staticmethod
-    def _checked(
-        news: Iterator[Drawn | PoseResult], photo: Photo, category: str, mask: NDArray[np.float32] | None
-    ) -> Iterator[Drawn | PoseResult]:
-        """The same, with the answer's confidence bounded by how probable the category is."""
-        for one in news:
-            if isinstance(one, PoseResult):
-                (target,) = find_targets(photo, category, mask)
-                yield with_score(one, target)
-            else:
-                yield one
+        pointed, words = self._arguments(category)
+        if words:
+            (target,) = find_targets(photo, category, **pointed)
+        return watched(_model(category), photo, target)
 
     def command(self, category: str) -> str:
-        """The line that does the same in a terminal."""
+        """The line that does the same in a terminal, for one object or, where it is named by nothing, for all."""
         from shlex import join
 
-        return join(["kfit", "pose", self._name, "--category", category, *self._told])
+        return join(["kfit", "pose", self._name, *self._arguments(category)[1]])
+
+    def _arguments(self, category: str) -> tuple[dict[str, Any], list[str]]:
+        """What tells the object to `find_targets`, and what to `kfit pose`; nothing where it is as it was found."""
+        named, target = ["--category", category], self.target
+        if self._pointed or target is None:
+            return self._pointed, [*named, *self._words]
+        if category == target.category:
+            return {}, []
+        if not self.targets:  # the alpha channel tells it
+            return {}, named
+        return {"box": target.box}, [*named, "--box", *(f"{part:.0f}" for part in target.box)]
 
     def write(self, result: PoseResult) -> tuple[Path, Path]:
         """Write what can be downloaded: report.html and pose.json, both or neither.
@@ -173,7 +183,7 @@ class Session:
 
     def close(self) -> None:
         """Delete everything."""
-        self.photo = self.mask = None
+        self.photo = self.target = None
         self.targets = []
         shutil.rmtree(self.folder, ignore_errors=True)
 

@@ -12,7 +12,10 @@ import torch
 from numpy.typing import NDArray
 
 from kfit.core import Callback, FitState, Generator
+from kfit.fitting.pipeline import FitPipeline
+from kfit.models.find_poses import pose_of
 from kfit.pose import CategoryModel, PoseResult
+from kfit.pose.object_finder import FoundObject
 from kfit.pose.observed_object import ObservedObject
 from kfit.segmentation import Photo
 
@@ -71,29 +74,32 @@ class Watching(Callback):
         return state
 
 
-def watched(model: CategoryModel, photo: Photo, mask: NDArray[np.float32] | None) -> Iterator[Drawn | PoseResult]:
-    """The model's own fit, in a thread beside: one `Drawn` a step, at last the result.
+def watched(model: CategoryModel, photo: Photo, target: FoundObject) -> Iterator[Drawn | PoseResult]:
+    """The fit of `kfit pose`, in a thread beside: one `Drawn` a step, at last the result.
 
     Whoever stops iterating ends the fit.
 
     Args:
         model: of the object's category.
         photo: that is looked at.
-        mask: (H, W), above one half on the object; None where the photo's alpha channel tells.
+        target: the object in it.
 
     Raises:
         ValueError, FitError: as `kfit.pose.CategoryModel.pose`.
     """
     told: SimpleQueue[Drawn | PoseResult | BaseException] = SimpleQueue()
     left = Event()
-    sighting = ObservedObject.of(photo, model.card.category, model.image_size, mask)
-    seen = sighting.observation.image[0].movedim(0, -1).numpy()
-    pipeline = model.pipeline(lens_known=sighting.lens_known)
-    pipeline.callbacks.append(Watching(pipeline.generator, seen, told.put, left))  # type: ignore[arg-type]
+    observed = ObservedObject.of(photo, model.card.category, model.image_size, segmenter=target)
+    seen = observed.observation.image[0].movedim(0, -1).numpy()
+
+    def pipeline(model: CategoryModel) -> FitPipeline:
+        made = model.pipeline(lens_known=observed.lens_known)
+        made.callbacks.append(Watching(made.generator, seen, told.put, left))  # type: ignore[arg-type]
+        return made
 
     def fit() -> None:
         try:
-            told.put(model.answer(pipeline(sighting.observation, seed=0), sighting))
+            told.put(pose_of(model, photo, target, pipeline=pipeline))
         except BaseException as error:  # whatever it is, it is told to those who wait
             told.put(error)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -45,10 +46,11 @@ def run(args: Namespace) -> None:
     if args.views < 2:
         raise ValueError(f"--views must be at least 2, got {args.views}")
     from kfit.bench.calibration_views import calibration_views
+    from kfit.bench.covariance import pose_offsets, squared_mahalanobis
     from kfit.bench.held_out_views import RIGHT_DEG, answers, rotation_errors
     from kfit.models import load, write_model
-    from kfit.pose.calibrating import calibrate, cross_validated, reliability
-    from kfit.pose.confidence import how_fitted
+    from kfit.pose.calibrating import CHI2_95, calibrate, cross_validated, reliability
+    from kfit.pose.confidence import UNMEASURED, how_fitted
 
     model = load(args.model)
     kind = "RGB-D" if args.depth else "RGB"
@@ -56,7 +58,10 @@ def run(args: Namespace) -> None:
     if args.check and before is None:
         raise ValueError(f"--check: the card of {args.model} holds no calibration of {kind} fits")
     pipeline = model.pipeline(depth=args.depth)
+    if before is not None and not args.check:  # covariances are measured without the factor of the old card
+        model.card.calibration[kind] = replace(before, covariance_factor=UNMEASURED)
     names: list[str] = []
+    distances: list[float] = []
     told: list[dict[str, float]] = []
     right: list[bool] = []
     energy: list[float] = []
@@ -68,11 +73,14 @@ def run(args: Namespace) -> None:
         for chosen, views in sets:
             _, results = rotation_errors(model, views, pipeline)
             fitted = fitted or results[0]
+            found_right: list[int] = []
             for answer in answers(model, views, results):
                 names.append(chosen.name)
                 told.append(answer.evidence)
                 right.append(answer.error_deg < RIGHT_DEG and not chosen.foreign)
+                found_right += [answer.number] if right[-1] else []
                 energy += [] if chosen.foreign else [answer.energy]
+            distances += squared_mahalanobis(*pose_offsets(model, views, results, found_right)).tolist()
             bar.advance(task, len(views.crops))
     if args.check and before is not None:
         probabilities = [before.probability(one) for one in told]
@@ -80,16 +88,19 @@ def run(args: Namespace) -> None:
         print_sets(by_set(names, probabilities, right))
         over = sum(one > before.energy_99 for one in energy) / len(energy)
         print(f"{100 * over:.0f} % of the category's views have an energy above the card's {before.energy_99:.3f}")
+        inside = sum(one < CHI2_95 for one in distances)
+        print(f"{inside} of {len(distances)} right answers have the truth in the 95 % ellipsoid of their covariance")
         return
     if fitted is None or not told:
         raise ValueError("no view could be fitted, so there is nothing to calibrate")
     weights = {name: float(weight) for name, weight in pipeline.weights.items() if weight}  # type: ignore[arg-type]
-    found = calibrate(told, right, energy, how_fitted(fitted, weights), args.seed)
+    found = calibrate(told, right, energy, how_fitted(fitted, weights), args.seed, distances)
     found.measured["sets"] = by_set(names, cross_validated(told, right), right)
     model.card.calibration[kind] = found
     write_model(Path(args.model), model.networks, model.card)  # the weights that were measured, with their card
     print_reliability(found.measured, "by cross-validation")
     print_sets(found.measured["sets"])
+    print(f"covariances are multiplied by {found.covariance_factor:.2f}, by {len(distances)} right answers")
 
 
 def by_set(names: Sequence[str], probabilities: Sequence[float], right: Sequence[bool]) -> dict[str, Any]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import torch
 from torch import Tensor
 
@@ -11,24 +13,24 @@ from kfit.geometry import to_opencv, viewing_ray_rotation
 from kfit.pose.category_model import CategoryModel
 from kfit.pose.covariance import rotation_offset
 
-# Of χ² with 6 degrees of freedom: the bound of the ellipsoid that holds 95 % of a Gaussian's poses.
-CHI2_95 = 12.592
 
-
-def pose_offsets(model: CategoryModel, views: HeldOutViews, results: list[FitResult]) -> tuple[Tensor, Tensor]:
+def pose_offsets(
+    model: CategoryModel, views: HeldOutViews, results: list[FitResult], numbers: Sequence[int] | None = None
+) -> tuple[Tensor, Tensor]:
     """From answers to truths (N, 6), and the answers' covariances (N, 6, 6), as `kfit.pose.PoseResult` has them.
 
-    A squared Mahalanobis distance δᵀ C⁻¹ δ of a truth has a mean of 6, and 95 % of them are below `CHI2_95`, where the
-    covariances are right.
+    Of squared Mahalanobis distances δᵀ C⁻¹ δ 95 % are below `kfit.pose.calibrating.CHI2_95` where the covariances are
+    right.
 
     Args:
         model: that made the answers.
         views: with their true poses.
-        results: of `kfit.bench.held_out_views.rotation_errors`, none of which failed.
+        results: of `kfit.bench.held_out_views.rotation_errors`.
+        numbers: of the views that are compared, none of which failed; all by default.
     """
     symmetry = model.card.known.symmetry
     offsets, covariances = [], []
-    for number in range(len(views.rotation)):
+    for number in range(len(views.rotation)) if numbers is None else numbers:
         answer, place = answer_to(model, views, results, number), views.translation[number]
         pixel = views.intrinsics[number] @ place
         turn = viewing_ray_rotation(pixel[:2] / pixel[2], views.intrinsics[number])
@@ -36,6 +38,8 @@ def pose_offsets(model: CategoryModel, views: HeldOutViews, results: list[FitRes
         turned = rotation_offset(truth[None], found[None], symmetry)[0]
         offsets.append(torch.cat([turned, place - torch.from_numpy(answer.translation)]))
         covariances.append(torch.from_numpy(answer.covariance))
+    if not offsets:
+        return torch.zeros(0, 6).double(), torch.zeros(0, 6, 6).double()
     return torch.stack(offsets), torch.stack(covariances)
 
 

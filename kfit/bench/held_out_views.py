@@ -200,11 +200,13 @@ class Answer(NamedTuple):
     """What a fit of one view comes to.
 
     Attributes:
+        number: of the view.
         evidence: see `kfit.pose.confidence.evidence`.
         error_deg: of the whole rotation, also of mugs whose handle is hidden: a guess at it is no certain answer.
         energy: of the winner.
     """
 
+    number: int
     evidence: dict[str, float]
     error_deg: float
     energy: float
@@ -220,7 +222,9 @@ def answers(model: CategoryModel, views: HeldOutViews, results: list[FitResult])
         head = None if log_probabilities is None else log_probabilities[number]
         hypotheses = hypotheses_of(fit, upright, model.card, model.pose_head, head)
         error = rotation_error(fitted_rotations(fit.values)[0], views.rotation[number], model.card.known.symmetry)
-        yield Answer(evidence(hypotheses.alternatives, hypotheses.seen), float(error.rad2deg()), float(fit.energy[0]))
+        yield Answer(
+            number, evidence(hypotheses.alternatives, hypotheses.seen), float(error.rad2deg()), float(fit.energy[0])
+        )
 
 
 def called_ambiguous(model: CategoryModel, views: HeldOutViews, results: list[FitResult]) -> Tensor:

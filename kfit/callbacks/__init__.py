@@ -1,4 +1,4 @@
-"""What looks on during a fit."""
+"""Callbacks, which observe a fit and may remove or freeze rows."""
 
 from kfit.callbacks.progress import Progress
 from kfit.callbacks.pruning import Pruning

@@ -14,9 +14,27 @@ from kfit.core import Callback, FitResult, FitState
 
 
 class Progress(Callback):
-    """Shows steps, rows left, the lowest energy and the time left on stderr.
+    """Show steps, rows left, the lowest energy and the time left on stderr.
 
-    Silent where stderr is no terminal, and where the logger ``kfit`` takes no warnings.
+    It shows nothing if stderr is not a terminal, or if the logger ``kfit`` does not emit warnings.
+
+    Example:
+        >>> import torch, kfit
+        >>> from kfit.callbacks import Progress
+        >>> from kfit.energies import L2
+        >>> from kfit.generators import Template
+        >>> from kfit.initializers import Uniform
+        >>> from kfit.optimizers import Adam
+        >>> fit = kfit.FitPipeline(
+        ...     Template(torch.rand(1, 16, 16), "translation"),
+        ...     energies={"l2": L2()},
+        ...     initializers=[Uniform("shift", -0.2, 0.2)],
+        ...     optimizer=Adam(0.02),
+        ...     callbacks=[Progress()],
+        ...     num_starts=8,
+        ...     num_steps=20,
+        ... )
+        >>> result = fit(kfit.Observation(torch.rand(1, 1, 16, 16)))  # a bar, in a terminal
     """
 
     def __init__(self) -> None:
@@ -24,13 +42,13 @@ class Progress(Callback):
         self._stop: Callable[[], object] = _nothing
 
     def on_start(self, state: FitState) -> None:
-        self._stop()  # the bar of a fit that broke off
+        self._stop()  # the bar of an earlier fit that failed
         silent = not sys.stderr.isatty() or not logging.getLogger("kfit").isEnabledFor(logging.WARNING)
         bar = Bar(console=Console(stderr=True), transient=True, disable=silent)
         self._task = bar.add_task("fitting", total=state.num_steps + 1)
         bar.start()
-        self._bar = bar  # whole, as another thread's fit may show its steps in it
-        # Also where nobody fits any more: a bar that is left hides the terminal's cursor for good.
+        self._bar = bar  # assigned when complete, because a fit in another thread may use it
+        # Also when this object is deleted: a bar that is not stopped leaves the terminal's cursor hidden.
         self._stop = finalize(self, bar.stop)
 
     def on_step(self, state: FitState) -> FitState:
@@ -46,4 +64,4 @@ class Progress(Callback):
 
 
 def _nothing() -> None:
-    """Of a bar that is not there yet."""
+    """Do nothing, in place of stopping a bar that does not exist yet."""

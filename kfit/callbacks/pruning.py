@@ -1,4 +1,4 @@
-"""Dropping the starts that are unlikely to win."""
+"""Removal of the starts that are unlikely to win."""
 
 from __future__ import annotations
 
@@ -8,15 +8,35 @@ from kfit.core.rows import best_first
 
 
 class Pruning(Callback):
-    """Keeps, at given steps, only the best starts of each problem (successive halving, Jamieson and Talwalkar 2016).
+    """Keep only the best starts of each problem at given steps (successive halving, Jamieson and Talwalkar 2016).
 
-    A survivor walks the path that it would have walked without pruning.
+    A survivor takes the same path as without pruning.
 
     Args:
-        keep: step → number of starts that survive it, judged by best-so-far energy.
+        keep: step → number of starts that survive it, ranked by best-so-far energy.
 
     Raises:
-        ValueError: for a count below 1.
+        ValueError: if a count is below 1.
+
+    Example:
+        >>> import torch, kfit
+        >>> from kfit.callbacks import Pruning
+        >>> from kfit.energies import L2
+        >>> from kfit.generators import Template
+        >>> from kfit.initializers import Uniform
+        >>> from kfit.optimizers import Adam
+        >>> fit = kfit.FitPipeline(
+        ...     Template(torch.rand(1, 16, 16), "translation"),
+        ...     energies={"l2": L2()},
+        ...     initializers=[Uniform("shift", -0.2, 0.2)],
+        ...     optimizer=Adam(0.02),
+        ...     callbacks=[Pruning({5: 4, 10: 1})],
+        ...     num_starts=8,
+        ...     num_steps=20,
+        ... )
+        >>> result = fit(kfit.Observation(torch.rand(1, 1, 16, 16)))
+        >>> result.num_evaluations  # 6 steps of 8 rows, 5 of 4, 10 of 1, and not 21 of 8
+        78
     """
 
     def __init__(self, keep: dict[int, int]) -> None:

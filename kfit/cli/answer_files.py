@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from PIL import Image
 from rich.table import Table
-from skimage.io import imsave
 
 from kfit.pose import PoseResult
 from kfit.reports import describe, draw_objects, draw_overlay
@@ -91,4 +91,4 @@ def _names(photos: Sequence[str]) -> list[str]:
 
 
 def _save(path: Path, picture: NDArray[np.uint8]) -> None:
-    imsave(path, picture, check_contrast=False)
+    Image.fromarray(picture).save(path)

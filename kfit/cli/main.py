@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 from jsonargparse import ArgumentError, ArgumentParser, Namespace
 
@@ -78,13 +79,21 @@ def check_numbers(arguments: Namespace) -> None:
     """
     for name, value in arguments.items():
         option = f"--{name.replace('_', '-')}"
-        for number in value if isinstance(value, list) else [value]:
+        for number in _flat(value):
             if isinstance(number, float) and not math.isfinite(number):
                 raise ValueError(f"{option} must be finite, got {number}")
             if name == "seed" and not 0 <= number < 2**63:
                 raise ValueError(f"{option} must lie between 0 and 2^63 - 1, got {number}")
             if name != "seed" and isinstance(number, int) and abs(number) > MOST:
                 raise ValueError(f"{option} must be at most {MOST:,}, got {number:,}")
+
+
+def _flat(value: Any) -> Iterator[Any]:
+    if isinstance(value, list):
+        for part in value:
+            yield from _flat(part)
+    else:
+        yield value
 
 
 def check_places(arguments: Namespace) -> None:

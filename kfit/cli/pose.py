@@ -19,6 +19,7 @@ from kfit.cli.category_names import named_category
 from kfit.cli.object_arguments import camera_of
 from kfit.cli.photo_files import photo_files
 from kfit.cli.pose_arguments import parser
+from kfit.cli.pose_views import answer_views, read_poses
 from kfit.runtime.console import log, progress, see_working_folder, table_console
 
 if TYPE_CHECKING:
@@ -52,21 +53,39 @@ def run(args: Namespace) -> None:
         check_mesh_suffix(args.mesh)
     own = None if args.model is None else load(args.model)
     category = own.card.category if own is not None else args.category and named_category(args.category)
+    poses = None if args.relative_poses is None else read_poses(args.relative_poses, len(photos))
     segmenter = None if args.segmenter is None else load_segmenter(args.segmenter)
-    device, finder, model_of = device_of(args.device), ObjectFinder(), lru_cache(load)
+    device, finder, loaded = device_of(args.device), ObjectFinder(), lru_cache(load)
+
+    def model_of(name: str) -> CategoryModel:
+        return (own or loaded(name)).to(device)
+
+    def found(number: int) -> tuple[Photo, list[FoundObject]]:
+        name = photos[number]
+        try:
+            photo = read_photo(name)
+            mask = None if args.mask is None else mask_from_file(args.mask[number], photo.image.shape[:2])
+            box = None if args.box is None else tuple(args.box[number])
+            targets = find_targets(photo, category, mask, box, segmenter, finder)
+        except (ValueError, OSError) as error:
+            if len(photos) == 1 or name in str(error):
+                raise
+            raise ValueError(f"{name}: {error}") from error
+        return photo, _picked(targets) if args.pick else targets
+
     answers: dict[str, list[PoseResult]] = {}
     with progress() as bar, precision(args.precision, device):
-        for name in bar.track(photos, description="Photos") if len(photos) > 1 else photos:
+        if poses is not None:
+            answers[photos[0]] = [answer_views(args, photos, [found(n) for n in range(len(photos))], poses, model_of)]
+            _report(args, answers)
+            return
+        for number, name in enumerate(bar.track(photos, description="Photos") if len(photos) > 1 else photos):
             try:
-                photo = read_photo(name)
-                mask = None if args.mask is None else mask_from_file(args.mask, photo.image.shape[:2])
+                photo, targets = found(number)
                 depth = None if args.depth is None else depth_from_file(args.depth, photo.image.shape[:2])
-                targets = find_targets(photo, category, mask, args.box and tuple(args.box), segmenter, finder)
-                targets = _picked(targets) if args.pick else targets
                 _check_one(args, targets)
                 answers[name] = [
-                    _answer(args, (own or model_of(target.category)).to(device), photo, target, depth, len(photos))
-                    for target in targets
+                    _answer(args, model_of(target.category), photo, target, depth, len(photos)) for target in targets
                 ]
             except (ValueError, OSError) as error:
                 if len(photos) == 1:
@@ -92,7 +111,15 @@ def _check(args: Namespace, photos: Sequence[str]) -> None:
         raise ValueError("--fit and --depth were both given; a recipe fits colour alone")
     if args.report is not None and Path(args.report).suffix.lower() not in (".html", ".htm"):
         raise ValueError(f"--report must name an .html file, got {args.report!r}")
-    for option in ("mask", "box", "depth", "report", "animation", "mesh"):
+    for option in ("mask", "box"):
+        if args[option] is not None and len(args[option]) != len(photos):
+            raise ValueError(f"--{option} must be given once for each of {len(photos)} photos, got {len(args[option])}")
+    several = args.relative_poses is not None
+    if several and len(photos) < 2:
+        raise ValueError("--relative-poses is of several photos of one object, but 1 photo was given")
+    if several and args.fit is not None:
+        raise ValueError("--fit and --relative-poses were both given; a recipe fits one photo")
+    for option in ("depth",) if several else ("depth", "report", "animation", "mesh"):
         if args[option] is not None and len(photos) > 1:
             raise ValueError(f"--{option} is of one photo, but {len(photos)} were given")
 
@@ -201,8 +228,7 @@ def command(args: Namespace) -> str:
     words = ["kfit", "pose", *args.photo]
     for option, value in args.items():
         if option in defaults and option != "photo" and value != defaults[option]:
-            words.append(f"--{option}")
-            words += (
-                [] if value is True else [f"{part:g}" for part in value] if isinstance(value, list) else [str(value)]
-            )
+            for one in value if option in ("mask", "box") else [value]:
+                words.append(f"--{option.replace('_', '-')}")
+                words += [] if one is True else [f"{part:g}" for part in one] if isinstance(one, list) else [str(one)]
     return shlex.join(words)

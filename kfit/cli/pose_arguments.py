@@ -8,6 +8,11 @@ from kfit.cli.category_names import SPOKEN
 from kfit.cli.photo_files import path_name
 
 
+def _number(value: str | list[float]) -> float | list[float]:
+    """A number; jsonargparse checks a whole box of them once more."""
+    return list(map(float, value)) if isinstance(value, list) else float(value)
+
+
 def parser() -> ArgumentParser:
     """Arguments of ``kfit pose``."""
     parser = ArgumentParser(
@@ -17,7 +22,8 @@ def parser() -> ArgumentParser:
   kfit pose photo.jpg
   kfit pose photo.jpg --category mug --box 120 80 300 260
   kfit pose holiday/ --category cup --segmenter yolo11n-seg.onnx
-  kfit pose cutout.png --category laptop --intrinsics 1450 1450 960 540 --json""",
+  kfit pose cutout.png --category laptop --intrinsics 1450 1450 960 540 --json
+  kfit pose left.jpg right.jpg --relative-poses poses.json --intrinsics 1450 1450 960 540""",
     )
     parser.add_argument(
         "photo",
@@ -35,17 +41,20 @@ def parser() -> ArgumentParser:
     thing.add_argument(
         "--mask",
         type=str,
+        action="append",
         default=None,
         metavar="FILE",
-        help="a picture of the photo's size, light on the object (default: the photo's alpha channel)",
+        help="a picture of the photo's size, light on the object (default: the photo's alpha channel); of several "
+        "photos --mask once for each, in their order",
     )
     thing.add_argument(
         "--box",
-        type=float,
+        type=_number,
         nargs=4,
+        action="append",
         default=None,
         metavar=("X", "Y", "W", "H"),
-        help="box around the object in pixels",
+        help="box around the object in pixels; of several photos --box once for each",
     )
     thing.add_argument("--pick", action="store_true", help="list what was found, and ask which of it is meant")
     thing.add_argument(
@@ -64,6 +73,14 @@ def parser() -> ArgumentParser:
         default=None,
         metavar=("FX", "FY", "CX", "CY"),
         help="focal lengths and centre in pixels (default: by the photo's EXIF tags, else estimated)",
+    )
+    camera.add_argument(
+        "--relative-poses",
+        type=str,
+        default=None,
+        metavar="FILE.json",
+        help="the photos show one object, and the file holds a list of 4 x 4 matrices, one for each photo: from the "
+        "first camera to each, in metres (x right, y down, z forward), the identity first; they fix distance and size",
     )
     camera.add_argument(
         "--depth",

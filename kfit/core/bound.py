@@ -1,4 +1,4 @@
-"""Holding the code of a generator that does part of its work for a code once."""
+"""Binding the code of a generator that then computes a part of its work once."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from kfit.core.variables import Variables
 
 
 def bind_code(generator: Generator, fixed: Variables, with_code: Callable[[Tensor], Generator]) -> Generator:
-    """`Generator.bind` for a generator of which a held ``code`` saves work.
+    """Implement `Generator.bind` for a generator that saves work if its ``code`` is fixed.
 
     Args:
-        generator: whose variables are held.
+        generator: the generator to bind.
         fixed: values by name.
-        with_code: the generator that draws with this code held.
+        with_code: returns the generator that draws with this code.
 
     Raises:
-        ValueError: for a name that is no variable of the generator, or a value of another shape.
+        ValueError: if a name is not a variable of the generator, or a value has another shape.
     """
     if "code" not in fixed:
         return Generator.bind(generator, **fixed)

@@ -1,4 +1,4 @@
-"""Checks whose errors name the argument, what was expected and what came."""
+"""Checks whose errors name the argument, the expected value and the actual one."""
 
 from __future__ import annotations
 
@@ -13,14 +13,27 @@ from torch import Tensor
 
 
 class FitError(RuntimeError):
-    """A fit that cannot give an answer: every start of every problem became NaN or infinite."""
+    """Raised by a fit without an answer: every start of every problem became NaN or infinite.
+
+    Example:
+        >>> import torch, kfit
+        >>> from kfit.energies import L2
+        >>> from kfit.generators import Template
+        >>> from kfit.initializers import Constant
+        >>> from kfit.optimizers import Adam
+        >>> template = Template(torch.full((1, 8, 8), torch.nan), "translation")
+        >>> fit = kfit.FitPipeline(template, {"l2": L2()}, [Constant({"shift": 0.0})], Adam())
+        >>> fit(kfit.Observation(torch.ones(1, 1, 8, 8)))
+        Traceback (most recent call last):
+        kfit.core.check.FitError: every start of every problem became NaN or infinite by step 0 of the fit
+    """
 
 
 def check_shape(name: str, value: Tensor, shape: tuple[int | str, ...]) -> None:
-    """Refuse a tensor whose shape differs from ``shape``; letters stand for any size.
+    """Refuse a tensor whose shape differs from ``shape``; letters match any size.
 
     Raises:
-        TypeError: if ``value`` is no tensor.
+        TypeError: if ``value`` is not a tensor.
         ValueError: if the number of axes or a fixed size differs.
     """
     if not isinstance(value, Tensor):
@@ -43,10 +56,10 @@ def check_float(name: str, value: Tensor) -> None:
 
 
 def check_range(name: str, value: Any, low: float = -math.inf, high: float = math.inf) -> None:
-    """Refuse what is no finite number in [low, high]; booleans are no numbers.
+    """Refuse anything but a finite number in [low, high]; booleans do not count as numbers.
 
     Raises:
-        TypeError: if it is no number.
+        TypeError: if it is not a number.
         ValueError: if it lies outside, is infinite or NaN.
     """
     _check_kind(name, value, Real, "a number")
@@ -58,10 +71,10 @@ def check_range(name: str, value: Any, low: float = -math.inf, high: float = mat
 
 
 def check_positive(name: str, value: Any) -> None:
-    """Refuse what is no finite number above 0.
+    """Refuse anything but a finite number above 0.
 
     Raises:
-        TypeError: if it is no number.
+        TypeError: if it is not a number.
         ValueError: if it is not above 0, infinite or NaN.
     """
     _check_kind(name, value, Real, "a number")
@@ -70,10 +83,10 @@ def check_positive(name: str, value: Any) -> None:
 
 
 def check_count(name: str, value: Any, least: int = 1, most: int | None = None) -> None:
-    """Refuse what is no whole number from ``least`` to ``most``; neither booleans nor 2.0 are whole numbers.
+    """Refuse anything but a whole number from ``least`` to ``most``; booleans and 2.0 are refused.
 
     Raises:
-        TypeError: if it is no whole number.
+        TypeError: if it is not a whole number.
         ValueError: if it is too small or too large.
     """
     _check_kind(name, value, Integral, "a whole number")
@@ -83,11 +96,11 @@ def check_count(name: str, value: Any, least: int = 1, most: int | None = None) 
 
 
 def check_choice(name: str, value: Any, choices: Iterable[str | bool]) -> None:
-    """Refuse what is none of the choices; (False, True) are those of a switch, where 1 is neither.
+    """Refuse anything but one of the choices; with (False, True), 0 and 1 are refused.
 
     Raises:
-        TypeError: if it is not of their type.
-        ValueError: if it is none of them.
+        TypeError: if it has another type than the choices.
+        ValueError: if it is not one of them.
     """
     choices = list(choices)
     if any(isinstance(value, type(choice)) and value == choice for choice in choices):
@@ -98,11 +111,11 @@ def check_choice(name: str, value: Any, choices: Iterable[str | bool]) -> None:
 
 
 def check_text(name: str, value: Any) -> None:
-    """Refuse what is neither text nor a path, and what holds line breaks and the like.
+    """Refuse anything but text or a path, without control characters.
 
     Raises:
-        TypeError: if it is something else.
-        ValueError: for control characters.
+        TypeError: if it is neither text nor a path.
+        ValueError: if it holds control characters.
     """
     _check_kind(name, value, (str, PathLike), "text")
     if any(ord(character) < 32 for character in str(value)):
@@ -110,10 +123,10 @@ def check_text(name: str, value: Any) -> None:
 
 
 def check_list(name: str, values: Any, length: int | None, check: Callable[..., None], *bounds: Any) -> None:
-    """Refuse what is no list or tuple of ``length`` items, or of any number but none, and items that ``check`` refuses.
+    """Refuse anything but a list or tuple of ``length`` items (None: at least one), each accepted by ``check``.
 
     Raises:
-        TypeError: if it is no list, or by ``check``.
+        TypeError: if it is not a list, or by ``check``.
         ValueError: if it is empty or of another length, or by ``check``.
     """
     if isinstance(values, str | bytes):  # sequences too
@@ -128,10 +141,10 @@ def check_list(name: str, values: Any, length: int | None, check: Callable[..., 
 
 
 def check_dict(name: str, values: Any, check: Callable[..., None], *bounds: Any, keys: type = str) -> None:
-    """Refuse what is no dict, keys that are not of their type, and values that ``check`` refuses.
+    """Refuse anything but a dict with keys of type ``keys`` and values accepted by ``check``.
 
     Raises:
-        TypeError: if it or a key is none, or by ``check``.
+        TypeError: if it is not a dict, a key has another type, or by ``check``.
         ValueError: by ``check``.
     """
     _check_kind(name, values, Mapping, "a dict")
@@ -141,11 +154,11 @@ def check_dict(name: str, values: Any, check: Callable[..., None], *bounds: Any,
 
 
 def check_rising(name: str, pair: Any, low: float, high: float) -> None:
-    """Refuse what are no two numbers in [low, high], the second no less than the first.
+    """Refuse anything but two numbers in [low, high] of which the second is not below the first.
 
     Raises:
-        TypeError: if it is no list of numbers.
-        ValueError: if they are not two, fall, or lie outside.
+        TypeError: if it is not a list of numbers.
+        ValueError: if there are not two, they decrease, or one lies outside.
     """
     check_list(name, pair, 2, check_range)
     if not low <= pair[0] <= pair[1] <= high:
@@ -153,10 +166,10 @@ def check_rising(name: str, pair: Any, low: float, high: float) -> None:
 
 
 def check_names(name: str, given: Iterable[str], known: Collection[str], complete: bool = False) -> None:
-    """Refuse names that do not exist and, where ``complete``, names that are missing.
+    """Refuse unknown names and, if ``complete``, missing names.
 
     Raises:
-        TypeError: if ``given`` holds no names.
+        TypeError: if ``given`` does not hold names.
         ValueError: listing the names that exist.
     """
     if isinstance(given, str) or not isinstance(given, Iterable):
@@ -172,7 +185,7 @@ def check_names(name: str, given: Iterable[str], known: Collection[str], complet
 
 
 def check_bound(variables: Mapping[str, Any], fixed: Mapping[str, Tensor]) -> None:
-    """Refuse values to be held that are no variables of a generator, or of another shape than one value.
+    """Refuse fixed values whose name is not a variable of a generator, or whose shape differs from one value's.
 
     Raises:
         TypeError, ValueError: naming the variable.
@@ -188,7 +201,7 @@ def _check_kind(name: str, value: Any, kind: Any, words: str) -> None:
 
 
 def _said(value: Any) -> str:
-    """What came, in a few words on one line, however long its own are."""
+    """Return a short repr on one line."""
     return " ".join(reprlib.repr(value).split())
 
 

@@ -1,9 +1,9 @@
 """The contracts: read this file and you know the design.
 
-A *generator* draws a picture from named variables. An *energy* says how badly the picture explains an observation.
-*Initializers* propose starts, an *optimizer* moves them, a *selector* picks the winner, *callbacks* look on; a
-`kfit.FitPipeline` holds them together. A fit holds N **rows**, each one start of one problem; problems may differ in
-how many they have.
+A *generator* draws a picture from named variables. An *energy* measures how badly the picture explains an observation.
+*Initializers* set initial values, an *optimizer* moves them, a *selector* picks the winner, *callbacks* observe; a
+`kfit.FitPipeline` holds them together. A fit has N **rows**, each one start of one problem; problems may have
+different numbers of rows.
 """
 
 from __future__ import annotations
@@ -30,7 +30,17 @@ class Generator(Part, nn.Module, ABC):
     """Draws pictures from named variables.
 
     Attributes:
-        variables: what it can be asked to explain, by name.
+        variables: the inputs that a fit can find, by name.
+
+    Example:
+        >>> import torch, kfit
+        >>> class Grey(kfit.Generator):
+        ...     variables = {"level": kfit.Variable()}
+        ...
+        ...     def forward(self, level: torch.Tensor) -> kfit.Rendering:
+        ...         return kfit.Rendering(level.view(-1, 1, 1, 1).expand(-1, 3, 8, 8))
+        >>> Grey()(level=torch.tensor([0.2, 0.7])).image.shape
+        torch.Size([2, 3, 8, 8])
     """
 
     variables: Mapping[str, Variable]
@@ -40,26 +50,26 @@ class Generator(Part, nn.Module, ABC):
         """Draw N pictures; each value is (N, \\*shape), all rows independent of one another."""
 
     def prepare(self, observation: Observation) -> Mapping[str, Tensor]:
-        """What the generator needs to know of the pictures besides its variables, such as their cameras.
+        """Return what the generator needs of the pictures besides its variables, such as their cameras.
 
-        Made once a fit; each tensor leads with the B problems and is given to `forward` by its name, a row for each
-        row drawn. A generator of several views draws the V pictures of a row one after another, (N · V, …).
+        Called once a fit. Each tensor leads with the B problems and is passed to `forward` by its name, a row for each
+        row drawn. A generator of several views draws the V pictures of a row consecutively, (N · V, …).
         """
         return {}
 
     def bind(self, **fixed: Tensor) -> Generator:
-        """The same generator with some variables held at one value (\\*shape) for all rows.
+        """Return this generator with some variables fixed at one value (\\*shape) for all rows.
 
-        A generator for which holding a variable saves work overrides this. With all variables held it draws one row.
+        Generators that save work for fixed variables override this. With all variables fixed it draws one row.
 
         Raises:
-            ValueError: for a name that is no variable of this generator, or a value of another shape.
+            ValueError: if a name is not a variable of this generator, or a value has another shape.
         """
         return Bound(self, fixed)
 
 
 class Bound(Generator):
-    """A generator with some variables held at one value for all rows."""
+    """A generator with some variables fixed at one value for all rows."""
 
     def __init__(self, generator: Generator, fixed: Variables) -> None:
         super().__init__()
@@ -81,24 +91,40 @@ class Bound(Generator):
 
 
 class Encoder(nn.Module, ABC):
-    """Looks at pictures and says which codes could have drawn them."""
+    """Predicts which codes could have drawn a picture.
+
+    Example:
+        >>> import torch
+        >>> from kfit.generators import ConvEncoder
+        >>> mean, log_variance = ConvEncoder(code_dim=8)(torch.rand(2, 3, 64, 64))
+        >>> mean.shape
+        torch.Size([2, 8])
+    """
 
     @abstractmethod
     def forward(self, image: Tensor) -> tuple[Tensor, Tensor]:
-        """Mean and log-variance (N, D) of a Gaussian over the code, from RGB (N, 3, S, S) in [0, 1] on white."""
+        """Return mean and log-variance (N, D) of a Gaussian over the code, from RGB (N, 3, S, S) in [0, 1] on white."""
 
 
 class Energy(Part, nn.Module, ABC):
-    """How badly a prediction explains a target: one number a row, lower is better.
+    """Measures how badly a prediction explains a target: one number a row, lower is better.
 
-    Compares two tensors, so it serves any task and needs no pipeline.
+    It compares two tensors, so it serves any task and needs no pipeline.
 
     Attributes:
-        on: field(s) of rendering and observation that a pipeline hands it; a tuple hands dicts of tensors.
-        mixed: whether a fit under ``torch.autocast`` should compare under it too, as convolutions of many channels
-            gain by it. Others lose in half precision what they measure, and are kept out of it.
+        on: field(s) of rendering and observation that a pipeline passes; with a tuple it passes dicts of tensors.
+        mixed: whether it is evaluated under ``torch.autocast`` in a fit under autocast, which speeds up convolutions of
+            many channels. Other energies would lose precision, and are evaluated without autocast.
         volumes: whether it compares volumes (N, C, D, H, W) too.
-        unit_range: whether its numbers mean something for targets in [0, 1] alone.
+        unit_range: whether it is meaningful for targets in [0, 1] alone.
+
+    Example:
+        >>> import torch, kfit
+        >>> class Brightness(kfit.Energy):
+        ...     def compare(self, prediction: torch.Tensor, prepared: dict) -> torch.Tensor:
+        ...         return (prediction - prepared["target"]).mean((1, 2, 3)).abs()
+        >>> Brightness()(torch.zeros(2, 3, 8, 8), torch.full((2, 3, 8, 8), 0.25))
+        tensor([0.2500, 0.2500])
     """
 
     on: str | tuple[str, ...] = "image"
@@ -107,29 +133,29 @@ class Energy(Part, nn.Module, ABC):
     unit_range: bool = False
 
     def check(self, target: Any, weight: Tensor | None = None) -> None:
-        """Refuse, with TypeError or ValueError, what it cannot compare; done once a fit, and in each `forward`."""
+        """Refuse, with TypeError or ValueError, targets it cannot compare; called once a fit, and in each `forward`."""
         check_target(target, weight, self.volumes, self.unit_range)
 
     def prepare(self, target: Any, weight: Tensor | None = None) -> Any:
-        """What of the target can be computed once a fit: a pytree of tensors that lead with rows.
+        """Compute what depends on the target alone, once a fit: a pytree of tensors that lead with rows.
 
         Args:
-            target: (N, C, H, W), or a dict of such where ``on`` is a tuple.
-            weight: (N, 1, H, W) or None, 0 where a pixel does not count, be it NaN. In a fit it is the product of the
+            target: (N, C, H, W), or a dict of such if ``on`` is a tuple.
+            weight: (N, 1, H, W) or None; 0 excludes a pixel, even if it is NaN. In a fit it is the product of the
                 observation's weight and the rendering's.
         """
         return {"target": target} if weight is None else {"target": target, "weight": weight}
 
     @abstractmethod
     def compare(self, prediction: Any, prepared: Any) -> Tensor:
-        """Energies (N,) of N predictions against N prepared targets."""
+        """Return energies (N,) of N predictions and N prepared targets."""
 
     def forward(
         self, prediction: Any, target: Any, weight: Tensor | None = None, reduction: Reduction = "none"
     ) -> Tensor:
-        """``compare(prediction, prepare(target, weight))``, checked, for other tasks such as trainings.
+        """Return ``compare(prediction, prepare(target, weight))`` of checked inputs, for other tasks such as training.
 
-        Under ``torch.autocast`` it computes in single precision, unless it is ``mixed``. ``reduction`` "none" gives
+        Under ``torch.autocast`` it computes in single precision, unless it is ``mixed``. ``reduction`` "none" returns
         energies (N,), "mean" and "sum" one number.
         """
         self.check(target, weight)
@@ -140,50 +166,93 @@ class Energy(Part, nn.Module, ABC):
 
 
 class ResidualEnergy(Energy):
-    """An energy that is a mean of squares: E = Σ_m r_m²."""
+    """An energy that is a mean of squares: E = Σ_m r_m².
+
+    Example:
+        >>> import torch, kfit
+        >>> class MeanSquare(kfit.ResidualEnergy):
+        ...     def residuals(self, prediction: torch.Tensor, prepared: dict) -> torch.Tensor:
+        ...         difference = (prediction - prepared["target"]).flatten(1)
+        ...         return difference / difference.shape[1] ** 0.5
+        >>> MeanSquare()(torch.zeros(1, 3, 8, 8), torch.full((1, 3, 8, 8), 0.5))
+        tensor([0.2500])
+    """
 
     @abstractmethod
     def residuals(self, prediction: Any, prepared: Any) -> Tensor:
-        """Residuals (N, M) whose squares sum to the energy."""
+        """Return residuals (N, M) whose squares sum to the energy."""
 
     def compare(self, prediction: Any, prepared: Any) -> Tensor:
         return self.residuals(prediction, prepared).square().sum(1)
 
 
 class Prior(Part, nn.Module, ABC):
-    """How unlikely values of variables are, in general or for the picture that was seen: one number a row.
+    """Measures how unlikely values of variables are, in general or for the observed picture: one number a row.
 
     Attributes:
-        on: the variable's name; a tuple of names is handed a dict.
+        on: name of the variable; with a tuple of names it takes a dict.
+
+    Example:
+        >>> import torch, kfit
+        >>> class Upright(kfit.Prior):
+        ...     on = "roll"
+        ...
+        ...     def forward(self, value: torch.Tensor, prepared: None = None) -> torch.Tensor:
+        ...         return 1 - value.cos()
+        >>> Upright()(torch.tensor([0.0, 3.1416]))
+        tensor([0., 2.])
     """
 
     on: str | tuple[str, ...]
 
     def prepare(self, observation: Observation) -> Any:
-        """What the picture says of them, made once a fit: tensors that lead with rows, or None."""
+        """Compute what depends on the picture alone, once a fit: tensors that lead with rows, or None."""
         return None
 
     @abstractmethod
     def forward(self, value: Any, prepared: Any = None) -> Tensor:
-        """Energies (N,) of N values (N, \\*shape); handed what `prepare` made where that is not None."""
+        """Return energies (N,) of N values (N, \\*shape), with the result of `prepare` if it is not None."""
 
 
 class ResidualPrior(Prior):
-    """A prior that is a sum of squares: E = Σ_m r_m²."""
+    """A prior that is a sum of squares: E = Σ_m r_m².
+
+    Example:
+        >>> import torch, kfit
+        >>> class Small(kfit.ResidualPrior):
+        ...     on = "shift"
+        ...
+        ...     def residuals(self, value: torch.Tensor, prepared: None = None) -> torch.Tensor:
+        ...         return value
+        >>> Small()(torch.tensor([[3.0, 4.0]]))
+        tensor([25.])
+    """
 
     @abstractmethod
     def residuals(self, value: Any, prepared: Any = None) -> Tensor:
-        """Residuals (N, M) whose squares sum to the energy."""
+        """Return residuals (N, M) whose squares sum to the energy."""
 
     def forward(self, value: Any, prepared: Any = None) -> Tensor:
         return self.residuals(value, prepared).square().sum(1)
 
 
 class Initializer(Part, ABC):
-    """Proposes starts.
+    """Sets the initial values of some variables.
 
     Attributes:
         on: names of the variables that it sets together.
+
+    Example:
+        >>> import torch, kfit
+        >>> class Dark(kfit.Initializer):
+        ...     on = ("level",)
+        ...
+        ...     def __call__(self, variables, observation, num_starts, rngs):
+        ...         noise = [0.1 * torch.rand(num_starts, generator=rng) for rng in rngs]
+        ...         return {"level": torch.cat(noise)}
+        >>> observation = kfit.Observation(torch.ones(2, 3, 8, 8))
+        >>> Dark()({"level": kfit.Variable()}, observation, 5, [torch.Generator() for _ in range(2)])["level"].shape
+        torch.Size([10])
     """
 
     on: tuple[str, ...]
@@ -196,50 +265,69 @@ class Initializer(Part, ABC):
         num_starts: int,
         rngs: Sequence[torch.Generator],
     ) -> Variables:
-        """Values (B·S, \\*shape) for its variables, the S starts of a problem one after another.
+        """Return values (B·S, \\*shape) of its variables, the S starts of a problem consecutively.
 
         Args:
             variables: those of the generator.
             observation: B problems.
             num_starts: S.
-            rngs: one generator of random numbers (on the CPU) a problem.
+            rngs: one generator of random numbers (on the CPU) for each problem.
         """
 
 
 class Evaluate(Protocol):
-    """Draws rows and compares them: any number of rows, each with the problem that it belongs to.
+    """Draws rows and compares them: any number of rows, each with the number of its problem.
 
-    Only ``need="gradient"`` builds a graph; residuals can be had where all descended terms are sums of squares;
-    ``need="pictures"`` gives the observed pictures too.
+    Only ``need="gradient"`` builds a graph. Residuals need all minimised terms to be sums of squares.
+    ``need="pictures"`` returns the observed pictures of the rows too.
     """
 
     def __call__(self, raw: Variables, problem: Tensor, need: Need = "value") -> Evaluation:
-        """Evaluate rows (N, \\*raw_shape); the gradient is by a step from ``raw``, as `retract` takes it."""
+        """Evaluate rows (N, \\*raw_shape); the gradient is with respect to a step as `retract` takes it."""
         ...
 
     def retract(self, raw: Variables, step: Variables) -> Variables:
-        """Raw variables after a step, each in its variable's space; ``raw + step`` where that is flat."""
+        """Return raw variables after a step, each in its variable's space; ``raw + step`` in flat spaces."""
         ...
 
     def linearize(self, raw: Variables, problem: Tensor) -> Linearization:
-        """Draw rows once and keep the graph, for products with their residuals' Jacobian."""
+        """Draw rows once and keep the graph, for products with the Jacobian of their residuals."""
         ...
 
 
 class Linearization(Protocol):
-    """Residuals r (N, M) near ``raw`` as a linear map of a step, J = ∂r/∂step, without ever holding J."""
+    """Residuals r (N, M) near ``raw`` as a linear map of a step, J = ∂r/∂step, without storing J."""
 
     def push(self, step: Tensor) -> Tensor:
-        """J · step, (N, M), for steps (N, P) of all variables laid end to end."""
+        """Return J · step, (N, M), for steps (N, P) of all variables, concatenated."""
         ...
 
     def pull(self, residuals: Tensor) -> Tensor:
-        """Jᵀ · residuals, (N, P), for (N, M)."""
+        """Return Jᵀ · residuals, (N, P), for (N, M)."""
         ...
 
 
 class Optimizer(Part, ABC):
-    """Moves rows downhill. Stateless: its memory is a value in which every tensor leads with rows."""
+    """Moves rows downhill. Stateless: its memory is a value in which every tensor leads with rows.
+
+    Example:
+        >>> import torch, kfit
+        >>> class GradientDescent(kfit.Optimizer):
+        ...     def init(self, raw, seeds):
+        ...         return None
+        ...
+        ...     def step(self, evaluate, raw, problem, memory):
+        ...         evaluation = evaluate(raw, problem, need="gradient")
+        ...         step = {name: -0.1 * slope for name, slope in evaluation.gradient.items()}
+        ...         return evaluate.retract(raw, step), evaluation, memory
+        >>> from kfit.energies import L2
+        >>> from kfit.generators import Template
+        >>> from kfit.initializers import Constant
+        >>> template, start = Template(torch.rand(1, 8, 8), "translation"), [Constant({"shift": 0.0})]
+        >>> fit = kfit.FitPipeline(template, {"l2": L2()}, start, GradientDescent(), num_starts=1)
+        >>> fit(kfit.Observation(torch.rand(1, 1, 8, 8))).num_evaluations  # 50 steps, and the last iterate
+        51
+    """
 
     @property
     def networks(self) -> list[nn.Module]:
@@ -248,28 +336,37 @@ class Optimizer(Part, ABC):
 
     @abstractmethod
     def init(self, raw: Variables, seeds: Tensor) -> Any:
-        """Memory for these rows.
+        """Return the memory for these rows.
 
         Args:
             raw: (N, \\*shape) each.
-            seeds: (N,) whole numbers that decide each row's random numbers, whatever rows are beside it.
+            seeds: (N,) whole numbers that determine each row's random numbers, whatever the other rows are.
 
-        Raises ValueError if its settings name unknown variables.
+        Raises:
+            ValueError: if its settings name unknown variables.
         """
 
     @abstractmethod
     def step(self, evaluate: Evaluate, raw: Variables, problem: Tensor, memory: Any) -> Step:
-        """One step: the new raw variables, the evaluation *at the old ones*, and the new memory."""
+        """Take one step; return the new raw variables, the evaluation *at the old ones*, and the new memory."""
 
 
 class Callback(Part):
-    """Looks on during a fit, and may thin the rows out."""
+    """Observes a fit, and may remove or freeze rows.
+
+    Example:
+        >>> import kfit
+        >>> class Log(kfit.Callback):
+        ...     def on_step(self, state: kfit.FitState) -> kfit.FitState:
+        ...         print(state.step, float(state.best_energy.min()))
+        ...         return state
+    """
 
     def on_start(self, state: FitState) -> None:
         """Called once, before the first step."""
 
     def on_step(self, state: FitState) -> FitState:
-        """Called after each evaluation; what it returns goes on."""
+        """Called after each evaluation; the fit continues with the returned state."""
         return state
 
     def on_end(self, result: FitResult) -> None:
@@ -277,16 +374,35 @@ class Callback(Part):
 
 
 class Selector(Part, ABC):
-    """Picks the winner of each problem."""
+    """Selects the winner of each problem.
+
+    Example:
+        >>> import torch, kfit
+        >>> class First(kfit.Selector):
+        ...     def __call__(self, energy, values, problem):
+        ...         numbers = torch.arange(int(problem.max()) + 1)
+        ...         return (problem == numbers[:, None]).int().argmax(1)
+        >>> First()(torch.tensor([0.3, 0.1, 0.2]), {}, torch.tensor([0, 0, 1]))
+        tensor([0, 2])
+    """
 
     @abstractmethod
     def __call__(self, energy: Tensor, values: Variables, problem: Tensor) -> Tensor:
-        """Row (B,) that wins each problem, from R rows in any order; every problem 0…B−1 has at least one row."""
+        """Return the row (B,) that wins each problem, of R rows in any order; each problem 0…B−1 has at least one."""
 
 
 class Schedule(Part, ABC):
-    """A term's weight that changes over the steps."""
+    """A term's weight that changes over the steps.
+
+    Example:
+        >>> import kfit
+        >>> class Late(kfit.Schedule):
+        ...     def __call__(self, step: int, num_steps: int) -> float:
+        ...         return float(step > num_steps / 2)
+        >>> Late()(10, 50), Late()(40, 50)
+        (0.0, 1.0)
+    """
 
     @abstractmethod
     def __call__(self, step: int, num_steps: int) -> float:
-        """Weight at ``step`` (0 … num_steps)."""
+        """Return the weight at ``step`` (0 … num_steps)."""

@@ -1,4 +1,4 @@
-"""A network's twin that shares its numbers and asks for no gradients."""
+"""A copy of a network that shares its parameters and needs no gradients."""
 
 from __future__ import annotations
 
@@ -12,11 +12,21 @@ Module = TypeVar("Module", bound=nn.Module)
 
 
 def frozen(module: Module) -> Module:
-    """A twin of ``module`` in evaluation mode whose parameters are detached.
+    """Return a copy of ``module`` in evaluation mode whose parameters are detached.
 
-    The twin shares memory with the original: it costs nothing, sees later training of it, and leaves its
-    ``requires_grad`` flags and its mode alone, so a fit never disturbs a network in training and threads can share it.
-    What was made in inference mode is copied instead, so that gradients can pass through the twin.
+    The copy shares memory with the original: it costs nothing, follows its later training, and leaves its
+    ``requires_grad`` flags and its mode unchanged. A fit therefore never disturbs a network in training, and threads
+    can share it. Tensors made in inference mode are copied, so that gradients can pass through the copy.
+
+    Example:
+        >>> import torch
+        >>> from kfit.core import frozen
+        >>> network = torch.nn.Linear(2, 1)
+        >>> copy = frozen(network)
+        >>> copy.weight.requires_grad, network.weight.requires_grad
+        (False, True)
+        >>> copy.weight.data_ptr() == network.weight.data_ptr()
+        True
     """
     with torch.inference_mode(False):
         shared: dict[int, Any] = {
@@ -27,5 +37,5 @@ def frozen(module: Module) -> Module:
 
 
 def _fit_for_gradients(tensor: Tensor) -> Tensor:
-    """The tensor, or a copy of one that was made in inference mode, which autograd refuses."""
+    """Return the tensor, or a copy if it was made in inference mode, which autograd refuses."""
     return tensor.clone() if tensor.is_inference() else tensor

@@ -1,4 +1,4 @@
-"""Curved spaces: rotations, unit vectors, and numbers that sum to one."""
+"""Curved spaces: rotations, unit vectors, and positive numbers that sum to 1."""
 
 from __future__ import annotations
 
@@ -99,9 +99,9 @@ class UnitVector(Space):
 
 @dataclass(frozen=True)
 class Simplex(Space):
-    """Shares: numbers above 0 that sum to 1 along the last axis, value = softmax(raw).
+    """Positive numbers that sum to 1 along the last axis, value = softmax(raw).
 
-    Shares below 1e-6, where the slope vanishes, start at 1e-6.
+    Numbers below 1e-6, where the slope vanishes, start at 1e-6.
 
     Example:
         >>> import torch
@@ -121,36 +121,36 @@ class Simplex(Space):
 
     def raw_shape(self, shape: tuple[int, ...]) -> tuple[int, ...]:
         if not shape or shape[-1] < 2:
-            raise ValueError(f"a variable in Simplex must hold at least 2 shares, got shape {tuple(shape)}")
+            raise ValueError(f"a variable in Simplex must hold at least 2 numbers, got shape {tuple(shape)}")
         return shape
 
 
 def _cos_and_sinc(square: Tensor) -> tuple[Tensor, Tensor]:
-    """Cos √s and sin √s / √s, with all derivatives also at s = 0."""
+    """Compute cos √s and sin √s / √s, with all derivatives also at s = 0."""
     small = square < 1e-4
     root = square.where(~small, 1.0).sqrt()
-    # Taylor's next terms are below 1e-17.
+    # The next Taylor terms are below 1e-17.
     cos = 1 - square / 2 * (1 - square / 12 * (1 - square / 30 * (1 - square / 56)))
     sinc = 1 - square / 6 * (1 - square / 20 * (1 - square / 42 * (1 - square / 72)))
     return torch.where(small, cos, root.cos()), torch.where(small, sinc, root.sin() / root)
 
 
 def _quaternion(raw: Tensor) -> Tensor:
-    """Unit quaternions (…, 4), scalar first, of rotation vectors (…, 3) in half-turns."""
+    """Return unit quaternions (…, 4), scalar first, of rotation vectors (…, 3) in half-turns."""
     half = raw * (math.pi / 2)
     cos, sinc = _cos_and_sinc(half.square().sum(-1, keepdim=True))
     return torch.cat([cos, sinc * half], -1)
 
 
 def _product(a: Tensor, b: Tensor) -> Tensor:
-    """Hamilton's product of quaternions (…, 4)."""
+    """Multiply quaternions (…, 4), by Hamilton."""
     (s, u), (t, v) = ((q[..., :1], q[..., 1:]) for q in (a, b))
     cross = torch.linalg.cross(*torch.broadcast_tensors(u, v))
     return torch.cat([s * t - (u * v).sum(-1, keepdim=True), s * v + t * u + cross], -1)
 
 
 def _rotation_vector(quaternion: Tensor) -> Tensor:
-    """The shortest rotation vectors (…, 3), in half-turns, of unit quaternions (…, 4)."""
+    """Return the shortest rotation vectors (…, 3), in half-turns, of unit quaternions (…, 4)."""
     quaternion = torch.where(quaternion[..., :1] < 0, -quaternion, quaternion)
     scalar, vector = quaternion[..., :1], quaternion[..., 1:]
     square = vector.square().sum(-1, keepdim=True)
@@ -162,7 +162,7 @@ def _rotation_vector(quaternion: Tensor) -> Tensor:
 
 
 def _quaternion_of(matrix: Tensor) -> Tensor:
-    """Unit quaternions (…, 4) of rotation matrices (…, 3, 3), from the component that is largest (Shepperd, 1978)."""
+    """Return unit quaternions (…, 4) of rotation matrices (…, 3, 3), from the largest component (Shepperd, 1978)."""
     (a, b, c), (d, e, f), (g, h, i) = (row.unbind(-1) for row in matrix.unbind(-2))
     ways = torch.stack(
         [

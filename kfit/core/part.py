@@ -1,4 +1,4 @@
-"""Parts that know what they were built with, so that they can be shown and written down."""
+"""Parts that store the arguments they were built with, so that they can be shown and written to recipes."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from torch import nn
 
 
 class Part:
-    """What a fit is composed of: remembers the arguments of its constructor, of its own class and of no base.
+    """Base of the parts of a fit: stores the arguments of its constructor.
 
-    A subclass has nothing to do for it.
+    The stored arguments are those of the object's own class. Subclasses need no additional code.
 
     Attributes:
-        settings: arguments that differ from their defaults, by name. Networks, tensors and other values that cannot be
-            written down are represented by an `Unwritable`, so that nothing large is kept.
+        settings: arguments that differ from their defaults, by name. Networks, tensors and other values that text
+            cannot hold are replaced by an `Unwritable`, so that nothing large is kept.
     """
 
     settings: Mapping[str, Any] = {}
@@ -35,21 +35,21 @@ class Part:
         )
 
     def extra_repr(self) -> str:
-        """All settings, as in the call of the constructor; a module shows those that are modules below itself."""
+        """Return all settings as in a call of the constructor; a module omits those that are its submodules."""
         parameters = inspect.signature(type(self)).parameters.values()
         known = {p.name: self.settings.get(p.name, p.default) for p in parameters if p.kind is not p.VAR_KEYWORD}
         if isinstance(self, nn.Module):
             shown = {name: value for name, value in known.items() if not isinstance(value, nn.Module)}
-        else:  # the modules of another part are long to show
+        else:  # modules of other parts have a long repr
             shown = {n: Unwritable(type(v)) if isinstance(v, nn.Module) else v for n, v in known.items()}
         return ", ".join(f"{name}={value!r}" for name, value in shown.items() if value is not inspect.Parameter.empty)
 
 
 class Unwritable:
-    """Stands for an argument that text cannot hold, such as a network.
+    """Placeholder of an argument that text cannot hold, such as a network.
 
     Args:
-        kind: what came.
+        kind: type of the argument.
     """
 
     def __init__(self, kind: type) -> None:
@@ -62,8 +62,8 @@ class Unwritable:
 def _remembering(init: Callable[..., None]) -> Callable[..., None]:
     @functools.wraps(init)
     def remembering(self: Any, *args: Any, **kwargs: Any) -> None:
-        if "settings" not in vars(self):  # a base's constructor, called by the subclass's, finds them there
-            with suppress(TypeError):  # for wrong arguments, which the constructor refuses itself
+        if "settings" not in vars(self):  # already set if a subclass calls its base's constructor
+            with suppress(TypeError):  # wrong arguments are refused by the constructor itself
                 signature = inspect.signature(init)
                 given = {k: _written(v) for k, v in signature.bind(self, *args, **kwargs).arguments.items()}
                 del given[next(iter(given))]
@@ -75,7 +75,7 @@ def _remembering(init: Callable[..., None]) -> Callable[..., None]:
 
 
 def _written(value: Any) -> Any:
-    """The value in the types of YAML; parts as they are."""
+    """Convert a value to types of YAML; parts are kept."""
     if value is None or isinstance(value, bool | int | str | Part):
         return value
     if isinstance(value, float):

@@ -1,4 +1,4 @@
-"""What energies ask of the pictures that they compare, and how they answer many rows."""
+"""Checks, precision and reduction that all energies share."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ OVERSHOOT = 0.5
 
 
 def check_pictures(name: str, pictures: Any, volumes: bool = False, least_side: int = 1) -> None:
-    """Refuse what is no batch of pictures in floating point, or a dict of such.
+    """Refuse anything but a batch of floating-point pictures, or a dict of such.
 
     Args:
         name: of the argument.
         pictures: (N, C, H, W).
-        volumes: whether (N, C, D, H, W) will do too.
-        least_side: pixels that each spatial side must have.
+        volumes: whether (N, C, D, H, W) is accepted too.
+        least_side: least number of pixels of each spatial side.
 
     Raises:
-        TypeError: for what is no tensor, and for integers.
-        ValueError: for another number of axes, no rows, and sides that are too short.
+        TypeError: if it is not a tensor, or holds integers.
+        ValueError: if it has another number of axes, no rows, or a side that is too short.
     """
     if isinstance(pictures, dict):
         for key, picture in pictures.items():
@@ -50,7 +50,7 @@ def check_pictures(name: str, pictures: Any, volumes: bool = False, least_side: 
 
 
 def check_target(target: Any, weight: Tensor | None, volumes: bool, unit_range: bool) -> None:
-    """Refuse what an energy cannot compare, as `Energy` describes it.
+    """Refuse targets and weights that an energy cannot compare, as `Energy` describes it.
 
     Raises:
         TypeError, ValueError: naming what was expected and what came.
@@ -63,7 +63,7 @@ def check_target(target: Any, weight: Tensor | None, volumes: bool, unit_range: 
 
 
 def check_prediction(prediction: Any, target: Any, volumes: bool) -> None:
-    """Refuse predictions of another shape than their targets, which networks would compare all the same.
+    """Refuse predictions of another shape than their targets, which some networks would compare nevertheless.
 
     Raises:
         TypeError, ValueError: naming what was expected and what came.
@@ -83,14 +83,14 @@ def _check_weight(weight: Any, pictures: Any) -> None:
         raise TypeError(f"weight must be a tensor of shape {wanted}, got {type(weight).__name__}")
     if tuple(weight.shape) != wanted:
         raise ValueError(f"weight must have shape {wanted}, got {tuple(weight.shape)}")
-    # What is no finite number makes its own row NaN, and leaves the others theirs.
+    # NaN and infinity make their own row NaN, and do not affect the others.
     counted = weight if weight.dtype == torch.bool else weight.nan_to_num(0, 0, 0)
     if _known_false((counted >= 0).all()):
         raise ValueError(f"weight must be at least 0 everywhere, got {float(counted.min()):g}")
 
 
 def _check_unit_range(pictures: Any, weight: Tensor | None) -> None:
-    """Refuse pictures that lie more than `OVERSHOOT` outside [0, 1] where they count."""
+    """Refuse pictures that lie more than `OVERSHOOT` outside [0, 1] where their weight is above 0."""
     for picture in pytree.tree_leaves(pictures):
         counted = picture if weight is None else torch.where(weight > 0, picture, 0.5)
         low, high = torch.aminmax(counted.detach().nan_to_num(0.5, 0.5, 0.5))
@@ -100,30 +100,30 @@ def _check_unit_range(pictures: Any, weight: Tensor | None) -> None:
 
 
 def at_least_single(tensors: Any) -> Any:
-    """Tensors of a pytree in single precision at least."""
+    """Convert the floating-point tensors of a pytree to at least single precision."""
     return pytree.tree_map_only(
         Tensor, lambda t: t.to(torch.promote_types(t.dtype, torch.float32)) if t.is_floating_point() else t, tensors
     )
 
 
 def precision_of(tensors: Any, mixed: bool) -> AbstractContextManager[Any]:
-    """The precision around for what is ``mixed``, else single, where tensors of a pytree compute."""
+    """Return a context that disables autocast on the device of a pytree, or changes nothing if ``mixed``."""
     device = pytree.tree_leaves(tensors)[0].device.type
     return nullcontext() if mixed else torch.autocast(device, enabled=False)
 
 
 def reduced(energies: Tensor, reduction: Reduction) -> Tensor:
-    """Energies (N,) as they are, their mean, or their sum.
+    """Reduce energies (N,) to their mean or sum, or return them unchanged.
 
     Raises:
-        ValueError: for another reduction.
+        ValueError: if the reduction is unknown.
     """
     check_choice("reduction", reduction, ("none", "mean", "sum"))
     return energies if reduction == "none" else getattr(energies, reduction)()
 
 
 def _known_false(condition: Tensor) -> bool:
-    """Whether it is False; never where numbers cannot be read, as when compiled or under `torch.vmap`."""
+    """Return whether the condition is False; never if its value cannot be read, as under `torch.vmap`."""
     if torch.compiler.is_compiling():
         return False
     try:

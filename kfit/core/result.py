@@ -1,4 +1,4 @@
-"""What a fit found: the winners, the other starts, and what each did."""
+"""The result of a fit: winners, other starts, and their history."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from kfit.core.variables import Variables
 
 @dataclass
 class History:
-    """What each start did at each step; rows that left (pruned, dropped) hold NaN from then on.
+    """Energies and values of each start at each step; NaN after a row was removed (pruned or dropped).
 
     Attributes:
         energy: (T, B, S).
         terms: (T, B, S) each, unweighted; NaN also at steps at which a term had no weight and was not computed.
         values: (T′, B, S, \\*shape) each, at the steps 0, k, 2k, … where k is ``value_stride``.
-        value_stride: k; 0 where no values were recorded.
+        value_stride: k; 0 if no values were recorded.
     """
 
     energy: Tensor
@@ -30,16 +30,30 @@ class History:
 
 @dataclass
 class FitResult:
-    """What a fit found for B problems.
+    """Result of a fit of B problems.
 
     Attributes:
-        values: the winners, (B, \\*shape) each; NaN for a problem all of whose starts failed.
+        values: the winners, (B, \\*shape) each; NaN for a problem whose starts all failed.
         energy: (B,) their ranking energy.
-        start: (B,) the number of the start that won, −1 where all failed.
-        all_problem, all_start, all_energy, all_values: the surviving starts, R rows: the alternatives.
-        history: every start at every step.
+        start: (B,) number of the start that won, −1 if all failed.
+        all_problem, all_start, all_energy, all_values: the R surviving starts, winners and alternatives.
+        history: energies and values of each start at each step.
         dropped: (problem, start, step) of each row that became NaN or infinite.
         num_evaluations: number of pictures that the generator drew.
+
+    Example:
+        >>> import torch, kfit
+        >>> from kfit.energies import L2
+        >>> from kfit.generators import Template
+        >>> from kfit.initializers import Uniform
+        >>> from kfit.optimizers import Adam
+        >>> template, start = Template(torch.rand(1, 16, 16), "translation"), Uniform("shift", -0.2, 0.2)
+        >>> fit = kfit.FitPipeline(template, {"l2": L2()}, [start], Adam(0.02), num_starts=4, num_steps=5)
+        >>> result = fit(kfit.Observation(torch.rand(2, 1, 16, 16)))  # two problems
+        >>> result.values["shift"].shape, result.all_values["shift"].shape, result.history.energy.shape
+        (torch.Size([2, 2]), torch.Size([8, 2]), torch.Size([6, 2, 4]))
+        >>> result.of(1).energy == result.energy[1]
+        tensor([True])
     """
 
     values: Variables
@@ -54,7 +68,7 @@ class FitResult:
     num_evaluations: int = 0
 
     def to(self, device: str | torch.device) -> FitResult:
-        """The same on another device."""
+        """Return the result on another device."""
         held = {f.name: getattr(self, f.name) for f in fields(self)}
         history = {f.name: getattr(self.history, f.name) for f in fields(self.history)}
         moved = pytree.tree_map_only(Tensor, lambda tensor: tensor.to(device), (held, history))

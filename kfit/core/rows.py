@@ -1,4 +1,4 @@
-"""Rows in order, and rows that are whole: what selecting, starting and pruning share."""
+"""Sorting, broadcasting and selecting rows."""
 
 from __future__ import annotations
 
@@ -9,11 +9,14 @@ from kfit.core.variables import Variables
 
 
 def best_first(energy: Tensor, problem: Tensor) -> tuple[Tensor, Tensor]:
-    """Rows (N,) by problem and within it by energy, of equals the earlier first, and their places (N,) in it, from 0.
+    """Sort rows by problem, and within a problem by energy; the earlier of equals first.
 
     Args:
         energy: (N,).
         problem: (N,) numbers 0 … B−1, in any order.
+
+    Returns:
+        The sorted rows (N,), and the place (N,) of each in its problem, from 0.
     """
     by_energy = energy.argsort(stable=True)
     order = by_energy[problem[by_energy].argsort(stable=True)]
@@ -23,12 +26,12 @@ def best_first(energy: Tensor, problem: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def broadcast_rows(rows: Tensor, like: Tensor) -> Tensor:
-    """Rows' numbers (N,) in the shape (N, 1, …), as they meet a tensor (N, \\*shape)."""
+    """Reshape one number a row, (N,), to (N, 1, …), to broadcast with a tensor (N, \\*shape)."""
     return rows.view(-1, *[1] * (like.dim() - 1))
 
 
 def finite(variables: Variables) -> Tensor:
-    """Which rows (N,) hold finite numbers alone, of variables (N, \\*shape)."""
+    """Return which rows (N,) of variables (N, \\*shape) are finite."""
     return torch.stack(
         [
             tensor.isfinite().flatten(1).all(1) if tensor.dim() > 1 else tensor.isfinite()
@@ -38,7 +41,7 @@ def finite(variables: Variables) -> Tensor:
 
 
 def pictures_of(rows: Tensor, views: int) -> Tensor:
-    """Numbers (N · views,) of the pictures that belong to rows or problems (N,) of so many pictures each."""
+    """Return the numbers (N · views,) of the pictures of rows or problems (N,)."""
     if views == 1:
         return rows
     return (rows[:, None] * views + torch.arange(views, device=rows.device)).flatten()

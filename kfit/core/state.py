@@ -1,4 +1,4 @@
-"""Plain values that a fit passes around: what was seen, what was drawn, where the fit stands."""
+"""Plain values that a fit passes between its parts: observation, rendering, evaluation, state."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from kfit.core.variables import Variables
 
 
 class _Fields:
-    """Reading by name and mapping over the tensors that are there."""
+    """Access to fields by name, and maps over the tensors among them."""
 
     def field(self, name: str) -> Tensor:
-        """The tensor of that name.
+        """Return the tensor of that name.
 
         Raises:
-            ValueError: if there is no such field, or it is empty.
+            ValueError: if there is no such field, or it is None.
         """
         there = [f.name for f in fields(self) if isinstance(getattr(self, f.name), Tensor)]  # type: ignore[arg-type]
         if name not in there:
@@ -30,36 +30,46 @@ class _Fields:
         return tensor
 
     def select(self, on: str | tuple[str, ...]) -> Any:
-        """What an energy on ``on`` compares: one field's tensor, or a dict of several."""
+        """Return the input of an energy on ``on``: one tensor, or a dict of several."""
         return self.field(on) if isinstance(on, str) else {name: self.field(name) for name in on}
 
     def map(self, function: Callable[[Tensor], Tensor]) -> Any:
-        """The same with ``function`` applied to each tensor."""
+        """Return a copy with ``function`` applied to each tensor."""
         held = {f.name: getattr(self, f.name) for f in fields(self)}  # type: ignore[arg-type]
         return replace(self, **{k: function(v) for k, v in held.items() if isinstance(v, Tensor)})  # type: ignore[type-var]
 
 
 @dataclass(frozen=True)
 class Observation(_Fields):
-    """B pictures to be explained, of as many problems or, with V views, of B / V.
+    """B observed pictures of B problems or, with V views each, of B / V problems.
 
-    The V pictures of a problem stand one after another, and a fit explains them all by one set of values. Volumes have
-    an axis D before H in all fields.
+    The V pictures of a problem are consecutive, and a fit explains them by one set of values. Volumes have an axis D
+    before H in all fields.
 
     Attributes:
         image: (B, C, H, W), RGB in [0, 1] on white background.
         mask: (B, 1, H, W) in [0, 1], 1 on the object.
-        depth: (B, 1, H, W) in metres, NaN where it is unknown.
-        weight: (B, 1, H, W), 0 where a pixel does not count (occluded or unknown).
-        intrinsics: (B, 3, 3) of the picture given.
-        trans_cam_ref: (B, 4, 4), takes points in the camera of the problem's first picture to this picture's camera,
+        depth: (B, 1, H, W) in metres, NaN where unknown.
+        weight: (B, 1, H, W), at least 0; 0 excludes a pixel (occluded or unknown).
+        intrinsics: (B, 3, 3) of these pictures.
+        trans_cam_ref: (B, 4, 4), maps points in the camera of the problem's first picture to this picture's camera,
             metres and OpenCV's axes.
-        keys: one number a problem; with the seed it decides the problem's random numbers. The same key gives the
-            same numbers alone and in any batch; all keys are 0 unless given.
+        keys: one number for each problem. With the seed it determines the problem's random numbers: the same key gives
+            the same numbers alone and in any batch. All keys are 0 by default.
         views: V, the number of pictures of each problem.
 
     Raises:
         TypeError, ValueError: naming the field whose type or shape is wrong.
+
+    Example:
+        >>> import torch
+        >>> from kfit.core import Observation
+        >>> observation = Observation(torch.rand(4, 3, 64, 64), mask=torch.ones(4, 1, 64, 64), views=2)
+        >>> observation.num_problems
+        2
+        >>> observation.field("depth")
+        Traceback (most recent call last):
+        ValueError: observation has no 'depth'; it has image, mask
     """
 
     image: Tensor
@@ -95,10 +105,11 @@ class Observation(_Fields):
 
     @property
     def num_problems(self) -> int:
+        """Number of problems, B / V."""
         return self.image.shape[0] // self.views
 
     def first_views(self) -> Observation:
-        """The first picture of each problem alone."""
+        """Return the first picture of each problem."""
         if self.views == 1:
             return self
         held = {f.name: getattr(self, f.name) for f in fields(self)}
@@ -112,10 +123,17 @@ class Rendering(_Fields):
 
     Attributes:
         image: (N, C, H, W), RGB in [0, 1] on white background.
-        mask: (N, 1, H, W) in [0, 1], where the generator can say.
-        depth: (N, 1, H, W), distance behind the object's centre in box diagonals, where the generator can say.
-        weight: (N, 1, H, W) in [0, 1], 0 where the generator does not vouch for the pixel, such as outside a warped
-            picture; None vouches for all. A fit multiplies it with the observation's weight, see `kfit.FitPipeline`.
+        mask: (N, 1, H, W) in [0, 1], if the generator draws it.
+        depth: (N, 1, H, W), distance behind the object's centre in box diagonals, if the generator draws it.
+        weight: (N, 1, H, W) in [0, 1], 0 where the picture is not known, such as outside of a warped picture; None is 1
+            everywhere. A fit multiplies it with the observation's weight, see `kfit.FitPipeline`.
+
+    Example:
+        >>> import torch
+        >>> from kfit.core import Rendering
+        >>> rendering = Rendering(torch.ones(2, 3, 8, 8), mask=torch.zeros(2, 1, 8, 8))
+        >>> rendering.map(lambda tensor: tensor[:1]).image.shape
+        torch.Size([1, 3, 8, 8])
     """
 
     image: Tensor
@@ -126,17 +144,17 @@ class Rendering(_Fields):
 
 @dataclass
 class Evaluation:
-    """Energies of rows, and what else was asked for.
+    """Energies of N rows, and on request their derivatives.
 
     Attributes:
-        energy: (N,) weighted sum that is descended.
+        energy: (N,) weighted sum that the optimizer minimises.
         ranking: (N,) weighted sum by which starts are ranked.
         terms: (N,) each, unweighted.
-        values: what the generator saw, (N, \\*shape) each.
-        gradient: of the sum of ``energy`` over rows with respect to raw variables, if asked for.
-        residuals: (N, M) whose squares sum to ``energy``, if asked for.
-        rendering: what was drawn, N pictures.
-        observed: fields of the observation for these N pictures, if asked for.
+        values: the generator's inputs, (N, \\*shape) each.
+        gradient: of the sum of ``energy`` over rows with respect to raw variables, if requested.
+        residuals: (N, M) whose squares sum to ``energy``, if requested.
+        rendering: the N drawn pictures.
+        observed: fields of the observation for these N pictures, if requested.
     """
 
     energy: Tensor
@@ -151,20 +169,28 @@ class Evaluation:
 
 @dataclass
 class FitState:
-    """Where a fit stands: N rows, each one start of one problem.
+    """State of a fit: N rows, each one start of one problem.
 
     Attributes:
         step: number of steps taken.
         num_steps: number of steps planned.
-        problem, start: (N,) the row's problem and the number that its start had at the beginning.
-        raw: variables as the optimizer walks on them, (N, \\*shape) each.
-        values: the same as the generator saw them at the last evaluation.
-        energy: (N,) descended energy at the last evaluation.
+        problem, start: (N,) the row's problem and the original number of its start.
+        raw: raw variables, which the optimizer moves, (N, \\*shape) each.
+        values: the generator's inputs at the last evaluation.
+        energy: (N,) minimised energy at the last evaluation.
         terms: (N,) each, the unweighted energies by name.
-        best_energy, best_values: least ranking energy so far of each row, and the values that reached it.
+        best_energy, best_values: least ranking energy so far of each row, and its values.
         optimizer: memory of the optimizer, a pytree whose tensors lead with rows.
-        notes: what callbacks remember of the rows, (N, …) each by a name of theirs; so they hold nothing themselves.
-        frozen_rows: rows that have stopped moving and still may win; see `freeze`.
+        notes: data of callbacks about the rows, (N, …) each by a name of their choice, so that callbacks are stateless.
+        frozen_rows: rows that no longer move and can still win; see `freeze`.
+
+    Example:
+        A callback that keeps the best half of all rows:
+
+        >>> import kfit
+        >>> class BestHalf(kfit.Callback):
+        ...     def on_step(self, state: kfit.FitState) -> kfit.FitState:
+        ...         return state.keep(state.best_energy <= state.best_energy.median())
     """
 
     step: int
@@ -182,7 +208,7 @@ class FitState:
     frozen_rows: tuple[FitState, ...] = ()
 
     def keep(self, index: Tensor) -> FitState:
-        """The same state with the rows of ``index`` (long or boolean) only; start numbers survive."""
+        """Return the state with the rows of ``index`` (long or boolean) only; start numbers are kept."""
         if index.dtype == torch.bool:
             index = index.nonzero()[:, 0]
         held = {f.name: getattr(self, f.name) for f in fields(self)}
@@ -190,7 +216,7 @@ class FitState:
         return FitState(**kept)
 
     def freeze(self, rows: Tensor) -> FitState:
-        """The state without these rows (N,), boolean, which cost nothing from now on and stay among the answers."""
+        """Return the state without these rows (N,), boolean, which cost nothing from now on and can still win."""
         if not bool(rows.any()):
             return self
         return replace(self.keep(~rows), frozen_rows=(*self.frozen_rows, replace(self.keep(rows), frozen_rows=())))

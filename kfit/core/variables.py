@@ -1,6 +1,6 @@
-"""Variables of a fit and the spaces that they live in.
+"""Variables of a fit and the spaces they live in.
 
-The optimizer walks over *raw* numbers, the generator sees *values*; a space is the map between them.
+The optimizer moves *raw* numbers, the generator takes *values*; a space is the map between them.
 """
 
 from __future__ import annotations
@@ -20,15 +20,23 @@ Variables = dict[str, Tensor]
 
 
 class Space(ABC):
-    """Where a variable's values live, and how an optimizer walks there.
+    """Set of a variable's values, and the parametrisation in which an optimizer moves.
 
-    The optimizer holds *raw* numbers and adds steps to them by `retract`; the generator sees *values*. In flat spaces
-    a step is added number by number; curved ones (`kfit.core.SO3`, `kfit.core.UnitVector`) take it in the tangent
-    space at the raw numbers, so that no direction is preferred and no place is singular.
+    The optimizer stores *raw* numbers and adds steps to them by `retract`; the generator takes *values*. In flat spaces
+    a step is added to the raw numbers; in curved ones (`kfit.core.SO3`, `kfit.core.UnitVector`) it lies in the tangent
+    space at the raw numbers, so that no direction is preferred and no point is singular.
 
     Attributes:
-        radians: what a step of 1 stands for in the values' unit, where it is the same everywhere: π where raw numbers
-            are half-turns, else 1.
+        radians: length of a step of 1 in the values' unit, if it is the same everywhere: π if raw numbers are
+            half-turns, else 1.
+
+    Example:
+        >>> import torch
+        >>> from kfit.core import Positive
+        >>> space = Positive()
+        >>> raw = space.to_raw(torch.tensor([2.0]))
+        >>> space.to_value(space.retract(raw, torch.tensor([0.1])))  # 2 · exp(0.1)
+        tensor([2.2103])
     """
 
     radians: ClassVar[float] = 1.0
@@ -42,21 +50,28 @@ class Space(ABC):
         """Map values to raw numbers, the inverse of `to_value`."""
 
     def retract(self, raw: Tensor, step: Tensor) -> Tensor:
-        """Raw numbers after a step (…, \\*raw_shape) from ``raw``; here raw + step."""
+        """Return the raw numbers after a step (…, \\*raw_shape) from ``raw``; here raw + step."""
         return raw + step
 
     def raw_shape(self, shape: tuple[int, ...]) -> tuple[int, ...]:
-        """Shape of the raw numbers and steps of one value of ``shape``; here the same.
+        """Return the shape of the raw numbers and steps of one value of ``shape``; here the same.
 
         Raises:
-            ValueError: for a shape that no value of this space has.
+            ValueError: if no value of this space has that shape.
         """
         return shape
 
 
 @dataclass(frozen=True)
 class Real(Space):
-    """All real numbers: value = raw."""
+    """All real numbers: value = raw.
+
+    Example:
+        >>> import torch
+        >>> from kfit.core import Real
+        >>> Real().to_value(torch.tensor([-3.0]))
+        tensor([-3.])
+    """
 
     def to_value(self, raw: Tensor) -> Tensor:
         return raw
@@ -67,13 +82,20 @@ class Real(Space):
 
 @dataclass(frozen=True)
 class Positive(Space):
-    """Numbers above zero on a logarithmic scale: value = exp(raw), so that a step multiplies."""
+    """Positive numbers on a logarithmic scale: value = exp(raw), so that a step multiplies.
+
+    Example:
+        >>> import torch
+        >>> from kfit.core import Positive
+        >>> Positive().to_value(torch.tensor([-3.0, 0.0, 3.0]))
+        tensor([ 0.0498,  1.0000, 20.0855])
+    """
 
     def to_value(self, raw: Tensor) -> Tensor:
         return raw.exp()
 
     def to_raw(self, value: Tensor) -> Tensor:
-        if bool((value <= 0).any()):  # what is not a number is none in its own row alone
+        if bool((value <= 0).any()):  # NaN stays NaN in its own row
             raise ValueError(f"a Positive variable must be above 0, got {float(value.nan_to_num(1.0).min()):g}")
         return value.log()
 
@@ -82,10 +104,16 @@ class Positive(Space):
 class Bounded(Space):
     """Numbers between two bounds: value = low + (high − low) · sigmoid(raw).
 
-    Values on or outside a bound are taken a thousandth of the width inside it, where the slope is not yet zero.
+    Values on or outside a bound are moved 0.001 × the width inside, where the slope is not 0 yet.
 
     Raises:
         ValueError: if ``low`` is not below ``high``.
+
+    Example:
+        >>> import torch
+        >>> from kfit.core import Bounded
+        >>> Bounded(0.0, 10.0).to_value(torch.tensor([-3.0, 0.0, 3.0]))
+        tensor([0.4743, 5.0000, 9.5257])
     """
 
     low: float
@@ -107,7 +135,14 @@ class Bounded(Space):
 
 @dataclass(frozen=True)
 class Angle(Space):
-    """Angles: walked in half-turns, seen in radians, value = π · raw. Neither side is wrapped, so paths stay smooth."""
+    """Angles: raw numbers in half-turns, values in radians, value = π · raw. Neither is wrapped: paths are smooth.
+
+    Example:
+        >>> import torch
+        >>> from kfit.core import Angle
+        >>> Angle().to_value(torch.tensor([0.5]))
+        tensor([1.5708])
+    """
 
     radians: ClassVar[float] = math.pi
 
@@ -120,15 +155,22 @@ class Angle(Space):
 
 @dataclass(frozen=True)
 class Variable:
-    """One thing that a generator can be asked to explain.
+    """An input of a generator that a fit can find.
 
     Attributes:
         shape: shape of one value, without rows: ``()`` for a number, ``(16,)`` for a code.
-        space: where its values live.
+        space: the space of its values.
 
     Raises:
-        TypeError, ValueError: if ``shape`` holds something but whole numbers of at least 1, ``space`` is none, or it
-            has no values of that shape.
+        TypeError, ValueError: if ``shape`` holds anything but whole numbers of at least 1, ``space`` is not a `Space`,
+            or the space has no values of that shape.
+
+    Example:
+        >>> from kfit.core import SO3, Variable
+        >>> Variable((16,))
+        Variable(shape=(16,), space=Real())
+        >>> Variable((3, 3), SO3()).raw_shape  # a rotation vector
+        (3,)
     """
 
     shape: tuple[int, ...] = ()

@@ -1,4 +1,4 @@
-"""Energies: how badly a picture explains an observation, and how unlikely a code or a pose is."""
+"""Energies of pictures, and priors on a code, a pose, a lens or a field."""
 
 from kfit.energies import functional
 from kfit.energies.code_prior import CodePrior

@@ -9,7 +9,7 @@ from kfit.core.check import check_text
 
 
 class CodePrior(ResidualPrior):
-    """Mean square of a code: up to scale the negative log-density under the standard normal that a VAE trains for.
+    """Mean square of a code: the negative log-density, up to scale, of the standard normal that a VAE is trained with.
 
     E = mean_k z_k²
 
@@ -18,6 +18,12 @@ class CodePrior(ResidualPrior):
 
     Args:
         on: name of the variable.
+
+    Example:
+        >>> import torch
+        >>> from kfit.energies import CodePrior
+        >>> CodePrior()(torch.tensor([[0.0, 0.0], [1.0, 3.0]]))
+        tensor([0.0000, 5.0000])
     """
 
     def __init__(self, on: str = "code") -> None:

@@ -1,4 +1,4 @@
-"""Depth against depth."""
+"""An energy of depth maps."""
 
 from __future__ import annotations
 
@@ -12,23 +12,25 @@ from kfit.energies.pixel import L1
 
 
 class Depth(Energy):
-    """How far two depth maps differ where the target is known, by an energy of single pixels: `L1` unless given.
+    """Difference of two depth maps where the target is known, measured by an energy of single pixels (default: `L1`).
 
-    Pixels whose target is NaN or infinite count no more than those of weight 0. Both maps are compared in one unit: a
-    sensor's 0 for "unknown" must be told by the weight or replaced by NaN. Where pixels of something else may be among
-    the target's, such as of the ground behind the object, ``Depth(GemanMcClure(0.01))`` bounds what they cost.
+    Pixels whose target is NaN or infinite are ignored, like pixels of weight 0. Both maps must have the same unit. A
+    sensor that writes 0 for "unknown" needs NaN or a weight of 0 there. If pixels of another surface may be among the
+    target's, such as the ground behind the object, ``Depth(GemanMcClure(0.01))`` bounds their cost.
 
-    Shape: depths (N, 1, H, W), weight (N, 1, H, W), energy (N,): with `L1` in the unit of the depths.
+    Shape: depths (N, 1, H, W), weight (N, 1, H, W), energy (N,); with `L1` in the unit of the depths.
 
     Args:
-        energy: of two pictures of one channel, with a weight by pixel.
+        energy: an energy of pictures with one channel that takes a weight by pixel.
 
     Raises:
         ValueError: if the shapes differ.
 
-    >>> import torch
-    >>> Depth()(torch.tensor([[[[1.0, 2.0, 3.0]]]]), torch.tensor([[[[1.5, torch.nan, 3.0]]]]))
-    tensor([0.2500])
+    Example:
+        >>> import torch
+        >>> from kfit.energies import Depth
+        >>> Depth()(torch.tensor([[[[1.0, 2.0, 3.0]]]]), torch.tensor([[[[1.5, torch.nan, 3.0]]]]))
+        tensor([0.2500])
     """
 
     on = "depth"

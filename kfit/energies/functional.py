@@ -1,6 +1,6 @@
 """Energies and priors as functions, for one call without a module.
 
-Each takes what its class compares, then the class's settings by name, and gives energies (N,):
+Each function takes the inputs of its class, then the class's settings by name, and returns energies (N,):
 
 >>> import torch
 >>> from kfit.energies import functional
@@ -10,7 +10,7 @@ tensor(0.4999)
 >>> functional.code_prior(torch.tensor([[1.0, 3.0]]))
 tensor([5.0000])
 
-A class whose construction is costly, as `kfit.energies.LPIPS` and those on networks, is better built once and called.
+Classes that hold networks, such as `kfit.energies.LPIPS`, are costly to build: build them once and call them instead.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Normalised cross-correlation in a window about each pixel."""
+"""Normalised cross-correlation in a window around each pixel."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from kfit.core import Energy
 from kfit.core.check import check_count, check_shape
 from kfit.energies.weighting import fill_background, normalized_weights
 
-# A variance of about one grey level of 256, squared: windows flatter than that tell noise.
+# The square of about one grey level of 256: flatter windows hold noise alone.
 _LEAST_VARIANCE = 1e-5
 
 
 class LocalNCC(Energy):
-    """How far two pictures are from being alike up to a brightness and contrast that may change from place to place.
+    """Local normalised cross-correlation as an energy, which ignores gradual changes of brightness and contrast.
 
     E = mean over pixels and channels of (1 − ρ) / 2, where ρ = (cov(x, y) + c) / √((var x + c) · (var y + c)) over the
-    weighted pixels of a square window that the picture's border cuts off, and c = 1e-5 makes flat windows agree.
-    0 for pictures that differ by smooth changes of light, about 1/2 for unrelated ones, 1 for negatives.
+    weighted pixels of a square window, which the picture's border cuts off. c = 1e-5 makes flat windows agree. E is 0
+    for pictures that differ by smooth changes of light, about 1/2 for unrelated pictures, 1 for negatives.
 
     Shape: pictures (N, C, H, W) in [0, 1], weight (N, 1, H, W), energy (N,); volumes (N, C, D, H, W) too.
     Source: Avants et al., Symmetric diffeomorphic image registration with cross-correlation, 2008 (there squared).
@@ -30,7 +30,15 @@ class LocalNCC(Energy):
         window_size: width of the window in pixels, odd.
 
     Raises:
-        ValueError: for an even window or one of a single pixel, and if the pictures' shapes differ.
+        ValueError: if the window is even or a single pixel, or the pictures' shapes differ.
+
+    Example:
+        >>> import torch
+        >>> from kfit.energies import L1, LocalNCC
+        >>> picture = torch.rand(1, 1, 32, 32)
+        >>> shaded = picture * torch.linspace(0.5, 1.0, 32)  # light falls off to the left
+        >>> LocalNCC()(shaded, picture) < 0.01, L1()(shaded, picture) > 0.1
+        (tensor([True]), tensor([True]))
     """
 
     volumes = True
@@ -77,7 +85,7 @@ class LocalNCC(Energy):
         return self._summed(image * window["counted"]) / window["total"]
 
     def _summed(self, image: Tensor) -> Tensor:
-        """Sum over the window about each pixel; nothing lies outside the picture."""
+        """Sum over the window around each pixel, with zeros outside of the picture."""
         edge, axes = self.window_size // 2, image.dim() - 2
         pool = F.avg_pool2d if axes == 2 else F.avg_pool3d
         summed: Tensor = pool(F.pad(image, (edge, edge) * axes), self.window_size, 1, divisor_override=1)

@@ -16,13 +16,13 @@ from kfit.features import VGG16, AlexNet, FeatureNetwork
 
 
 class LPIPS(ResidualEnergy):
-    """How different two pictures look to people, as learnt from their judgements.
+    """Learned perceptual image patch similarity, version 0.1.
 
     E = Σ_l mean over pixels of Σ_c a_lc · (F_lc(x) / |F_l(x)| − F_lc(y) / |F_l(y)|)², where |F_l| is the length over
-    channels at each pixel and a_lc ≥ 0 the published linear heads, version 0.1. Pictures are scaled as there, which is
-    ImageNet's normalisation. The features of the target are computed once, in ``prepare``.
+    channels at each pixel and a_lc ≥ 0 are the published linear heads. Pictures are normalised as in the original, by
+    ImageNet's mean and deviation. The features of the target are computed once, in ``prepare``.
 
-    Where the weight is 0 both pictures are painted white; each layer counts by the weight resized to it by area.
+    Where the weight is 0 both pictures are filled with white. In each layer the weight is resized by area.
 
     Shape: pictures (N, 3, H, W) in [0, 1], H and W at least 31 ("alex") or 16 ("vgg"); weight (N, 1, H, W); energy
     (N,); residuals (N, Σ_l C_l·h_l·w_l).
@@ -30,14 +30,19 @@ class LPIPS(ResidualEnergy):
     torchmetrics ships them (BSD-2-Clause).
 
     Args:
-        backbone: network behind it: "alex", which its authors measure with, or "vgg", which they descend on.
-        weights: path of the backbone's weights as in `kfit.features.AlexNet` and `kfit.features.VGG16`; None takes
-            torchvision's published file, fetching it the first time.
+        backbone: feature network: "alex", with which its authors report scores, or "vgg", which they use as a loss.
+        weights: path of the backbone's weights as in `kfit.features.AlexNet` and `kfit.features.VGG16`. With None,
+            torchvision's published file is downloaded once.
 
     Raises:
-        ValueError: for another backbone, or weights of another network.
+        ValueError: if the backbone is unknown, or the weights belong to another network.
         ImportError: if torchmetrics, which holds the heads, is missing.
-        FileNotFoundError, RuntimeError: as the backbone's.
+        FileNotFoundError, RuntimeError: as raised by the backbone.
+
+    Example:
+        >>> from kfit.energies import LPIPS
+        >>> lpips = LPIPS("vgg")  # doctest: +SKIP
+        >>> lpips(prediction, target)  # (N,); downloads VGG16 the first time  # doctest: +SKIP
     """
 
     mixed = True

@@ -12,23 +12,27 @@ from kfit.core import Energy
 
 
 class MeanEnergy(Metric):
-    """The mean of an energy over all pictures of all batches and processes, as a metric of torchmetrics.
+    """Mean of an energy over all pictures of all batches and processes, as a metric of torchmetrics.
 
-    It goes where torchmetrics do: into a ``MetricCollection``, ``self.log`` of Lightning, or a ``MetricTracker``.
-    Pictures count alike, whatever their weights hold.
+    It works wherever torchmetrics' metrics do: in a ``MetricCollection``, Lightning's ``self.log`` or a
+    ``MetricTracker``. Each picture counts once, whatever its weights hold.
 
     Args:
-        energy: compares; kept as it is.
+        energy: the energy to average; kept as it is.
         kwargs: as `torchmetrics.Metric` takes them.
 
-    >>> import torch
-    >>> from kfit.energies import L1
-    >>> from kfit.energies.mean_energy import MeanEnergy
-    >>> metric = MeanEnergy(L1())
-    >>> metric.update(torch.zeros(1, 3, 4, 4), torch.ones(1, 3, 4, 4))
-    >>> metric.update(torch.zeros(3, 3, 4, 4), torch.zeros(3, 3, 4, 4))
-    >>> metric.compute()
-    tensor(0.2500)
+    Raises:
+        TypeError: if ``energy`` is not a `kfit.core.Energy`.
+
+    Example:
+        >>> import torch
+        >>> from kfit.energies import L1
+        >>> from kfit.energies.mean_energy import MeanEnergy
+        >>> metric = MeanEnergy(L1())
+        >>> metric.update(torch.zeros(1, 3, 4, 4), torch.ones(1, 3, 4, 4))
+        >>> metric.update(torch.zeros(3, 3, 4, 4), torch.zeros(3, 3, 4, 4))
+        >>> metric.compute()
+        tensor(0.2500)
     """
 
     is_differentiable = True
@@ -53,5 +57,5 @@ class MeanEnergy(Metric):
         self.count = self.count + len(found)
 
     def compute(self) -> Tensor:
-        """The mean so far; NaN before the first batch."""
+        """Return the mean so far; NaN before the first batch."""
         return (self.total / self.count).float()

@@ -13,21 +13,21 @@ from kfit.core import Energy
 from kfit.core.check import check_count, check_shape
 from kfit.energies.weighting import fill_background, normalized_weights
 
-# Wang et al. 2003, section 3.2: how much each scale counted to their observers, the finest first
+# Wang et al. 2003, section 3.2: exponents of the scales measured on observers, the finest first
 _EXPONENTS = (0.0448, 0.2856, 0.3001, 0.2363, 0.1333)
-# A mean similarity below this has no root to speak of; the other scales go on telling the way
+# Roots of a mean similarity below this are useless; the other scales still have a slope
 _LEAST = 1e-4
 _C1, _C2 = 0.01**2, 0.03**2
 
 
 class MSSSIM(Energy):
-    """How much the structure of two pictures differs, from fine to coarse.
+    """Multi-scale structural dissimilarity of two pictures, 1 − MS-SSIM.
 
     E = 1 − Π_j s_j^β_j, where s_j is the mean of contrast and structure, (2σ_xy + C2) / (σ_x² + σ_y² + C2), over
     pixels and channels of the pictures halved j times, and at the coarsest scale that of SSIM itself. The window is a
-    Gaussian of σ = 1.5 that stays inside the picture, K1 = 0.01, K2 = 0.03, range 1. β are the paper's, and with
-    fewer than five scales the first of them, made to sum to 1. A mean s_j below 1e-4 counts as 1e-4. Where the weight
-    is 0 both pictures are painted white.
+    Gaussian of σ = 1.5 that stays inside the picture, K1 = 0.01, K2 = 0.03, range 1. β are the paper's; with fewer than
+    five scales the first ones are used, divided by their sum. A mean s_j below 1e-4 is replaced by 1e-4. Where the
+    weight is 0 both pictures are filled with white.
 
     At odd sides the coarser scale leaves the last row or column out, as torchmetrics does. pytorch-msssim pads with
     zeros there, which changed the similarity of two noisy 201×223 pictures by 0.001; at even sides all agree.
@@ -36,12 +36,19 @@ class MSSSIM(Energy):
     Source: Wang, Simoncelli and Bovik, Multi-scale structural similarity for image quality assessment, 2003.
 
     Args:
-        num_scales: 1 to 5; None takes as many as fit, which are 3 for 64×64 and 5 from 176×176 on.
+        num_scales: 1 to 5; None takes as many as fit: 3 for 64×64, 5 from 176×176 on.
         window_size: width of the window in pixels, odd.
 
     Raises:
-        ValueError: for another number of scales, an even or non-positive window, pictures too small for the window at
-            the coarsest scale, and if the pictures' shapes differ.
+        ValueError: if the number of scales is outside 1 to 5, the window is even or not positive, the pictures are too
+            small for the window at the coarsest scale, or their shapes differ.
+
+    Example:
+        >>> import torch
+        >>> from kfit.energies import MSSSIM
+        >>> picture = torch.rand(1, 3, 64, 64)
+        >>> MSSSIM()(picture, picture) < 1e-6, MSSSIM()(torch.rand(1, 3, 64, 64), picture) > 0.5
+        (tensor([True]), tensor([True]))
     """
 
     unit_range = True
@@ -90,7 +97,7 @@ class MSSSIM(Energy):
         return -torch.expm1(logarithm)
 
     def _count(self, target: Tensor) -> int:
-        """How many scales are compared."""
+        """Return the number of scales to compare."""
         side = min(target.shape[-2:])
         fitting = sum(side >> number >= self.window_size for number in range(len(_EXPONENTS)))
         count = self.num_scales or fitting
@@ -112,6 +119,6 @@ class MSSSIM(Energy):
         return blurred
 
     def _inside(self, pixels: Tensor) -> Tensor:
-        """The pixels in the middle of a window that stays inside the picture."""
+        """Return the pixels whose window lies inside the picture."""
         edge = self.window_size // 2
         return pixels[..., edge : pixels.shape[-2] - edge, edge : pixels.shape[-1] - edge]

@@ -14,25 +14,33 @@ from kfit.energies.weighting import fill_background, normalized_weights
 
 
 class MutualInformation(Energy):
-    """How little one picture tells about the other, whatever colours stand for what.
+    """Normalised mutual information as an energy: it compares pictures whose colours mean different things.
 
-    E = 2 − (H(x) + H(y)) / H(x, y), the mean over channels, with the entropies of a joint histogram over [0, 1] in
-    which each pixel falls into the bins beside it by a smooth kernel: 1 for independent pictures, lowest where one
-    determines the other. The kernel blurs the histogram, so that even a picture against itself stays above 0 unless
-    its colours lie at the centres of bins. What lies outside [0, 1] counts as 0 or 1.
+    E = 2 − (H(x) + H(y)) / H(x, y), the mean over channels, with entropies of a joint histogram over [0, 1] in which a
+    smooth kernel divides each pixel between the neighbouring bins. E is 1 for independent pictures and lowest where one
+    picture determines the other. The kernel blurs the histogram, so E of a picture and itself is above 0 unless its
+    colours lie at the centres of bins. Values outside [0, 1] are clipped.
 
     Shape: pictures (N, C, H, W) in [0, 1], weight (N, 1, H, W), energy (N,) in [0, 1]; volumes
     (N, C, D, H, W) too.
     Source: Studholme, Hill and Hawkes, An overlap invariant entropy measure of 3D medical image alignment, 1999, whose
     measure is 2 − E; soft histograms as Mattes et al., 2003, with Kornia's kernel of Xu et al., 2008, eq. 22. For
-    pictures that fill [0, 1] it is Kornia's ``normalized_mutual_information_loss`` plus 2; that takes no weights, and
-    stretches each picture to its own range.
+    pictures that fill [0, 1] it equals Kornia's ``normalized_mutual_information_loss`` plus 2; Kornia's loss takes no
+    weights, and stretches each picture to its own range.
 
     Args:
         num_bins: bins of the histogram along each side; their centres lie at 0, 1 / (num_bins − 1), …, 1.
 
     Raises:
-        ValueError: for fewer than 2 bins, and if the pictures' shapes differ.
+        ValueError: if there are fewer than 2 bins, or the pictures' shapes differ.
+
+    Example:
+        >>> import torch
+        >>> from kfit.energies import MutualInformation
+        >>> picture = torch.rand(1, 1, 32, 32)
+        >>> energy = MutualInformation(num_bins=8)
+        >>> energy(1 - picture, picture) < energy(torch.rand(1, 1, 32, 32), picture)  # a negative, a stranger
+        tensor([True])
     """
 
     volumes = True
@@ -68,7 +76,7 @@ class MutualInformation(Energy):
     def _bins(self, image: Tensor) -> tuple[Tensor, Tensor]:
         """Lower of the two bins (N, C, H·W) between whose centres each pixel lies, and its parts (N, C, 2, H·W)."""
         place = image.to(torch.promote_types(image.dtype, torch.float32)).clamp(0, 1).flatten(2) * (self.num_bins - 1)
-        # what is not a number has no bin; it must not cost the other rows theirs, and its own row must tell
+        # NaN has no bin: it must not disturb other rows, and must make its own row NaN
         low = place.detach().nan_to_num().long().clamp_max(self.num_bins - 2)
         part = place - low
         near: Tensor = xu_kernel(torch.stack([part, part - 1], 2))

@@ -16,11 +16,11 @@ _LEAST_VARIANCE = 1e-8
 
 
 class NCC(ResidualEnergy):
-    """How far two pictures are from being alike up to brightness and contrast.
+    """Zero-normalised cross-correlation as an energy: it ignores brightness and contrast.
 
-    E = (1 − ρ) / 2, where ρ = (cov(x, y) + c) / √((var x + c) · (var y + c)) is the zero-normalised cross-correlation
-    over all pixels and channels, each channel about its own weighted mean, and c = 1e-8 keeps flat pictures finite.
-    0 for pictures that differ by a positive gain and by offsets, 1/2 for unrelated ones, 1 for negatives.
+    E = (1 − ρ) / 2, where ρ = (cov(x, y) + c) / √((var x + c) · (var y + c)) over all pixels and channels, each channel
+    about its own weighted mean, and c = 1e-8 keeps flat pictures finite. E is 0 for pictures that differ by a positive
+    gain and by offsets, 1/2 for unrelated pictures, 1 for negatives.
 
     Shape: pictures (N, C, H, W), weight (N, 1, H, W), energy (N,), residuals (N, C·H·W + 1); volumes
     (N, C, D, H, W) too.
@@ -28,6 +28,13 @@ class NCC(ResidualEnergy):
 
     Raises:
         ValueError: if the pictures' shapes differ.
+
+    Example:
+        >>> import torch
+        >>> from kfit.energies import NCC
+        >>> picture = torch.rand(1, 3, 8, 8)
+        >>> NCC()(0.5 * picture + 0.1, picture).round(decimals=3), NCC()(-picture, picture).round(decimals=3)
+        (tensor([0.]), tensor([1.]))
     """
 
     volumes = True

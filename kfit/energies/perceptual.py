@@ -1,4 +1,4 @@
-"""Feature against feature: the paper's energy."""
+"""A distance of network features: the paper's energy."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ class Perceptual(ResidualEnergy):
     """Mean squared difference of two pictures' features, averaged over a network's L layers.
 
     E = 1/L Σ_l d_l², with d_l² = mean over channels and pixels of (F_l(x) − F_l(y))², divided by the mean square of
-    F_l(y) under ``normalize``; E = 1/L Σ_l d_l where not ``squared``. The features of the target are computed once, in
-    ``prepare``. The network is held frozen and in evaluation mode, without touching the one that was given.
+    F_l(y) if ``normalize``; E = 1/L Σ_l d_l if not ``squared``. The features of the target are computed once, in
+    ``prepare``. A frozen copy of the network in evaluation mode is used; the network that was passed is not changed.
 
-    Where the weight is 0 both pictures are painted white, so that hidden pixels stay out of the receptive fields of
-    others; each layer counts by the weight resized to it by area.
+    Where the weight is 0 both pictures are filled with white, so that hidden pixels stay out of the receptive fields
+    of others. In each layer the weight is resized by area.
 
     Shape: pictures (N, 3, H, W) in [0, 1]; weight (N, 1, H, W); energy (N,); residuals (N, Σ_l C_l·h_l·w_l).
     Source: paper eq. for E(I, R, T, z), ‖F(I) − F(Î)‖₂; the released code takes the mean square at VGG19's
@@ -31,9 +31,18 @@ class Perceptual(ResidualEnergy):
 
     Args:
         network: maps pictures to features by layer; a module that returns one tensor has one layer.
-        squared: the released code's mean square; False for the paper's norm (here a root mean square).
-        normalize: divide each layer by the mean square of the target's features, so that layers count alike.
-            None normalizes where there is more than one layer.
+        squared: True for the released code's mean square, False for the paper's norm (here a root mean square).
+        normalize: whether each layer is divided by the mean square of the target's features, so that layers count
+            alike. None normalizes if there is more than one layer.
+
+    Example:
+        >>> import torch
+        >>> from kfit.energies import Perceptual
+        >>> from kfit.features import EfficientNetLite0
+        >>> energy = Perceptual(EfficientNetLite0())
+        >>> picture = torch.rand(2, 3, 64, 64)
+        >>> energy(picture, picture)
+        tensor([0., 0.])
     """
 
     unit_range = True
@@ -50,7 +59,7 @@ class Perceptual(ResidualEnergy):
         self.squared, self.normalize = squared, normalize
 
     def train(self, mode: bool = True) -> Perceptual:
-        """Training mode for the energy, never for its network."""
+        """Set the mode of the energy; its network stays in evaluation mode."""
         super().train(mode)
         self.network.eval()
         return self

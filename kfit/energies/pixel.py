@@ -1,4 +1,4 @@
-"""Pixel by pixel: mean absolute and mean squared difference."""
+"""Mean absolute and mean squared difference by pixel."""
 
 from __future__ import annotations
 
@@ -20,6 +20,16 @@ class L1(Energy):
 
     Raises:
         ValueError: if the pictures' shapes differ.
+
+    Example:
+        >>> import torch
+        >>> from kfit.energies import L1
+        >>> black, grey = torch.zeros(1, 3, 2, 2), torch.full((1, 3, 2, 2), 0.5)
+        >>> L1()(black, grey)
+        tensor([0.5000])
+        >>> grey[..., 0] = 0.1
+        >>> L1()(black, grey, weight=torch.tensor([[[[1.0, 0.0], [1.0, 0.0]]]]))  # the left column alone
+        tensor([0.1000])
     """
 
     volumes = True
@@ -44,6 +54,12 @@ class L2(ResidualEnergy):
 
     Raises:
         ValueError: if the pictures' shapes differ.
+
+    Example:
+        >>> import torch
+        >>> from kfit.energies import L2
+        >>> L2()(torch.zeros(2, 3, 4, 4), torch.full((2, 3, 4, 4), 0.5), reduction="sum")
+        tensor(0.5000)
     """
 
     volumes = True

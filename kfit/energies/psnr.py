@@ -11,24 +11,26 @@ from kfit.core import Energy
 from kfit.energies.pixel import L2
 from kfit.energies.weighting import normalized_weights
 
-# Of equal pictures the ratio is infinite; this ends it at 100 dB.
+# Limits the ratio of equal pictures, which would be infinite, to 100 dB.
 _LEAST_SQUARE = 1e-10
 
 
 class PSNR(Energy):
-    """Minus the peak signal-to-noise ratio of a picture, in decibels.
+    """Negative peak signal-to-noise ratio of a picture, in decibels.
 
     E = 10 · log10(MSE + 1e-10), with the MSE of `L2` and a peak of 1: −100 for equal pictures, 0 for opposite ones and
-    for rows of which nothing counts.
+    for rows whose weights are all 0.
 
     Shape: pictures (N, C, H, W) in [0, 1], weight (N, 1, H, W), energy (N,) in dB; volumes (N, C, D, H, W) too.
 
     Raises:
         ValueError: if the pictures' shapes differ.
 
-    >>> import torch
-    >>> PSNR()(torch.full((1, 3, 4, 4), 0.5), torch.full((1, 3, 4, 4), 0.6))
-    tensor([-20.0000])
+    Example:
+        >>> import torch
+        >>> from kfit.energies import PSNR
+        >>> PSNR()(torch.full((1, 3, 4, 4), 0.5), torch.full((1, 3, 4, 4), 0.6))
+        tensor([-20.0000])
     """
 
     volumes = True

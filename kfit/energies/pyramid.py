@@ -16,19 +16,31 @@ from kfit.energies.weighting import fill_background
 
 
 class Pyramid(Energy):
-    """The mean of an energy over a picture, its half, its quarter, …: coarse levels pull from afar, fine ones settle.
+    """Mean of an energy over the levels of a Gaussian pyramid, which widens its basin of attraction.
 
     E = 1/L Σ_l e(x_l, y_l; w_l), where each level is Kornia's ``pyrdown`` of the one before: a 5×5 Gaussian and half
-    the size, rounded down, the border mirrored. Weights come down alike, and pictures premultiplied by them.
+    the size, rounded down, with mirrored borders. Weights are reduced in the same way, and pictures premultiplied by
+    them.
 
-    Shape: as the energy's; H and W at least 3 · 2^(L − 2), and as large at the coarsest level as the energy demands.
+    Shape: as the energy's; H and W at least 3 · 2^(L − 2), and at the coarsest level as large as the energy needs.
 
     Args:
-        energy: compares each level; compares the same fields of a rendering as alone.
-        num_levels: L, 1 for the picture alone.
+        energy: the energy of each level; it also decides which fields of a rendering are compared.
+        num_levels: L; 1 is the picture alone.
 
     Raises:
-        ValueError: for no levels, and for pictures too small for them.
+        ValueError: if there are no levels, or the pictures are too small for them.
+
+    Example:
+        >>> import torch
+        >>> from kfit.energies import L2, Pyramid
+        >>> left, right = torch.zeros(2, 1, 1, 32, 32)
+        >>> left[..., 4:8], right[..., 12:16] = 1.0, 1.0  # two bars that do not overlap
+        >>> nearer = right.roll(-2, 3)
+        >>> L2()(left, right), L2()(left, nearer)  # no slope to follow
+        (tensor([0.2500]), tensor([0.2500]))
+        >>> Pyramid(L2(), 4)(left, right), Pyramid(L2(), 4)(left, nearer)
+        (tensor([0.1382]), tensor([0.1291]))
     """
 
     def __init__(self, energy: Energy, num_levels: int = 3) -> None:
@@ -66,13 +78,20 @@ class Pyramid(Energy):
 
 
 class ResidualPyramid(Pyramid, ResidualEnergy):
-    """`Pyramid` of an energy that is a sum of squares, which it then is too.
+    """A `Pyramid` of a residual energy, with residuals itself.
 
-    Shape: residuals (N, Σ_l M_l), those of each level over √L.
+    Shape: residuals (N, Σ_l M_l), those of each level divided by √L.
 
     Args:
-        energy: as `Pyramid`, with residuals.
-        num_levels: L, 1 for the picture alone.
+        energy: an energy with residuals.
+        num_levels: L; 1 is the picture alone.
+
+    Example:
+        >>> import torch
+        >>> from kfit.energies import L2, ResidualPyramid
+        >>> energy, target = ResidualPyramid(L2(), 2), torch.ones(1, 1, 8, 8)
+        >>> energy.residuals(torch.zeros(1, 1, 8, 8), energy.prepare(target)).shape  # 64 + 16
+        torch.Size([1, 80])
     """
 
     energy: ResidualEnergy

@@ -1,4 +1,4 @@
-"""Kernels that grow more slowly than the square, so that a few wrong pixels do not rule the fit."""
+"""Robust kernels: they grow more slowly than the square, so that a few wrong pixels do not dominate the fit."""
 
 from __future__ import annotations
 
@@ -43,78 +43,113 @@ class _Robust(ResidualEnergy):
 
 
 class Charbonnier(_Robust):
-    """Square for small differences, absolute for large ones, smooth in between.
+    """Charbonnier energy: quadratic for small differences, linear for large ones, smooth in between.
 
     E = Σ_p w_p · mean_c ρ((x_pc − y_pc) / s) / Σ_p w_p, with ρ(u) = √(u² + 1) − 1.
 
-    All kernels of this file are about u² / 2 for differences well below the scale s, and give residuals ±√ρ, so that
-    a least-squares optimizer can take them.
+    All kernels of this file are about u² / 2 for differences well below the scale s. They have residuals ±√ρ, so that
+    least-squares optimizers can use them.
 
     Shape: pictures (N, C, H, W), weight (N, 1, H, W), energy (N,), residuals (N, C·H·W); volumes
     (N, C, D, H, W) too.
     Source: Charbonnier et al., 1994; α = 1 in Barron, A general and adaptive robust loss function, 2019.
 
     Args:
-        scale: difference s from which on pixels lose weight, in the pictures' units.
+        scale: difference s, in picture units, above which the kernel grows more slowly than the square.
 
     Raises:
-        ValueError: for a scale that is not above 0, and if the pictures' shapes differ.
+        ValueError: if ``scale`` is not above 0, or the pictures' shapes differ.
+
+    Example:
+        >>> import torch
+        >>> from kfit.energies import Charbonnier
+        >>> target = torch.tensor([0.0, 0.1, 1.0]).view(3, 1, 1, 1)
+        >>> Charbonnier(scale=0.1)(torch.zeros(3, 1, 1, 1), target)
+        tensor([0.0000, 0.4142, 9.0499])
     """
 
     loss = staticmethod(charbonnier_loss)
 
 
 class Huber(_Robust):
-    """Square below the scale, absolute above it.
+    """Huber energy: quadratic below the scale, linear above it.
 
     As `Charbonnier`, with ρ(u) = u² / 2 for |u| ≤ 1 and |u| − 1/2 above.
 
     Source: Huber, Robust estimation of a location parameter, 1964.
 
     Args:
-        scale: difference s from which on it grows linearly, in the pictures' units.
+        scale: difference s, in picture units, above which it grows linearly.
+
+    Example:
+        >>> import torch
+        >>> from kfit.energies import Huber
+        >>> target = torch.tensor([0.0, 0.1, 1.0]).view(3, 1, 1, 1)
+        >>> Huber(scale=0.1)(torch.zeros(3, 1, 1, 1), target)
+        tensor([0.0000, 0.5000, 9.5000])
     """
 
     loss = staticmethod(F.huber_loss)
 
 
 class Cauchy(_Robust):
-    """Grows with the logarithm of large differences.
+    """Cauchy energy: logarithmic for large differences.
 
     As `Charbonnier`, with ρ(u) = log(1 + u² / 2).
 
     Source: Black and Anandan, 1996 (Lorentzian); α = 0 in Barron, 2019.
 
     Args:
-        scale: difference s from which on pixels lose weight, in the pictures' units.
+        scale: difference s, in picture units, above which the kernel grows more slowly than the square.
+
+    Example:
+        >>> import torch
+        >>> from kfit.energies import Cauchy
+        >>> target = torch.tensor([0.0, 0.1, 1.0]).view(3, 1, 1, 1)
+        >>> Cauchy(scale=0.1)(torch.zeros(3, 1, 1, 1), target)
+        tensor([0.0000, 0.4055, 3.9318])
     """
 
     loss = staticmethod(cauchy_loss)
 
 
 class GemanMcClure(_Robust):
-    """Levels off: a pixel that is altogether wrong costs 2, whatever its difference.
+    """Geman–McClure energy: bounded by 2 for arbitrarily large differences.
 
     As `Charbonnier`, with ρ(u) = 2u² / (u² + 4).
 
     Source: Geman and McClure, 1985; α = −2 in Barron, 2019.
 
     Args:
-        scale: difference s from which on pixels lose weight, in the pictures' units.
+        scale: difference s, in picture units, above which the kernel grows more slowly than the square.
+
+    Example:
+        >>> import torch
+        >>> from kfit.energies import GemanMcClure
+        >>> target = torch.tensor([0.0, 0.1, 1.0]).view(3, 1, 1, 1)
+        >>> GemanMcClure(scale=0.1)(torch.zeros(3, 1, 1, 1), target)
+        tensor([0.0000, 0.4000, 1.9231])
     """
 
     loss = staticmethod(geman_mcclure_loss)
 
 
 class Welsch(_Robust):
-    """Levels off at 1, faster than `GemanMcClure`.
+    """Welsch energy: bounded by 1, which it reaches faster than `GemanMcClure` its bound.
 
     As `Charbonnier`, with ρ(u) = 1 − exp(−u² / 2).
 
     Source: Dennis and Welsch, 1978; α → −∞ in Barron, 2019.
 
     Args:
-        scale: difference s from which on pixels lose weight, in the pictures' units.
+        scale: difference s, in picture units, above which the kernel grows more slowly than the square.
+
+    Example:
+        >>> import torch
+        >>> from kfit.energies import Welsch
+        >>> target = torch.tensor([0.0, 0.1, 1.0]).view(3, 1, 1, 1)
+        >>> Welsch(scale=0.1)(torch.zeros(3, 1, 1, 1), target)
+        tensor([0.0000, 0.3935, 1.0000])
     """
 
     loss = staticmethod(welsch_loss)

@@ -1,4 +1,4 @@
-"""Mask against mask."""
+"""Energies of masks."""
 
 from __future__ import annotations
 
@@ -17,6 +17,12 @@ class Silhouette(L2):
     """Mean squared difference of two masks: `L2` on "mask".
 
     Shape: masks (N, 1, H, W) in [0, 1], weight (N, 1, H, W), energy (N,) in [0, 1].
+
+    Example:
+        >>> import torch
+        >>> from kfit.energies import Silhouette
+        >>> Silhouette()(torch.tensor([[[[0.0, 0.5, 1.0, 1.0]]]]), torch.tensor([[[[0.0, 0.0, 1.0, 1.0]]]]))
+        tensor([0.0625])
     """
 
     on = "mask"
@@ -24,7 +30,7 @@ class Silhouette(L2):
 
 
 class SoftIoU(Energy):
-    """How far two masks are from covering the same pixels, whatever the object's size in the picture.
+    """One minus the soft intersection over union of two masks, whatever the size of the object.
 
     E = 1 − Σ w · min(a, b) / Σ w · max(a, b); two empty masks agree, E = 0.
 
@@ -32,6 +38,12 @@ class SoftIoU(Energy):
 
     Raises:
         ValueError: if the masks' shapes differ.
+
+    Example:
+        >>> import torch
+        >>> from kfit.energies import SoftIoU
+        >>> SoftIoU()(torch.tensor([[[[0.0, 1.0, 1.0, 0.0]]]]), torch.tensor([[[[0.0, 0.0, 1.0, 1.0]]]]))
+        tensor([0.6667])
     """
 
     on = "mask"
@@ -54,8 +66,8 @@ class SoftIoU(Energy):
 class Dice(Energy):
     """One minus the soft Dice coefficient of two masks.
 
-    E = 1 − 2 Σ w·a·b / (Σ w·a² + Σ w·b²) = Σ w·(a − b)² / (Σ w·a² + Σ w·b²); two empty masks agree, E = 0. Squares in
-    the denominator make it 0 for equal soft masks.
+    E = 1 − 2 Σ w·a·b / (Σ w·a² + Σ w·b²) = Σ w·(a − b)² / (Σ w·a² + Σ w·b²); two empty masks agree, E = 0. The squares
+    in the denominator make E 0 for equal soft masks.
 
     Shape: masks (N, 1, H, W) in [0, 1], weight (N, 1, H, W), energy (N,) in [0, 1]; volumes (N, 1, D, H, W) too.
     Source: Milletari, Navab and Ahmadi, V-Net, 2016; Dice, 1945.
@@ -63,10 +75,11 @@ class Dice(Energy):
     Raises:
         ValueError: if the masks' shapes differ.
 
-    >>> import torch
-    >>> half, all_of_it = torch.tensor([0.0, 1.0]).view(1, 1, 1, 2), torch.ones(1, 1, 1, 2)
-    >>> Dice()(half, all_of_it)
-    tensor([0.3333])
+    Example:
+        >>> import torch
+        >>> from kfit.energies import Dice
+        >>> Dice()(torch.tensor([[[[0.0, 1.0]]]]), torch.ones(1, 1, 1, 2))
+        tensor([0.3333])
     """
 
     on = "mask"

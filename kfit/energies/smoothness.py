@@ -1,4 +1,4 @@
-"""How rough a field is: total variation and bending energy."""
+"""Priors on the roughness of a field: total variation and bending energy."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from kfit.core.pictures import at_least_single, check_pictures
 
 
 class TotalVariation(Prior):
-    """Mean absolute difference of neighbours in a picture, volume or field of motion: jumps cost no more than slopes.
+    """Mean absolute difference of neighbours in a picture, a volume or a flow field; a jump costs no more than a ramp.
 
-    E = Σ_i mean |∂_i z|, over the spatial axes i, with differences of neighbours and the mean over channels and places;
-    Kornia's ``total_variation`` with its mean, averaged over channels.
+    E = Σ_i mean |∂_i z|, over the spatial axes i, with differences of neighbours and the mean over channels and places.
+    It equals Kornia's ``total_variation`` with its mean, averaged over channels.
 
     Shape: field (N, C, H, W) or (N, C, D, H, W), energy (N,) in the field's unit per pixel.
     Source: Rudin, Osher and Fatemi, Nonlinear total variation based noise removal algorithms, 1992 (anisotropic).
@@ -25,11 +25,13 @@ class TotalVariation(Prior):
         on: name of the variable.
 
     Raises:
-        ValueError: for a field of another number of axes.
+        ValueError: if the field has another number of axes.
 
-    >>> import torch
-    >>> TotalVariation("flow")(torch.eye(2).view(1, 1, 2, 2))
-    tensor([2.])
+    Example:
+        >>> import torch
+        >>> from kfit.energies import TotalVariation
+        >>> TotalVariation("flow")(torch.eye(2).view(1, 1, 2, 2))
+        tensor([2.])
     """
 
     def __init__(self, on: str) -> None:
@@ -44,24 +46,26 @@ class TotalVariation(Prior):
 
 
 class BendingEnergy(ResidualPrior):
-    """Mean squared second derivative of a field of motion: no affine motion costs anything.
+    """Mean squared second derivative of a flow field; affine motions have energy 0.
 
-    E = mean over places inside and channels of Σ_ij (∂_i ∂_j z)², with central differences of neighbours, so that mixed
+    E = mean over inner places and channels of Σ_ij (∂_i ∂_j z)², with central differences of neighbours; mixed
     derivatives count twice.
 
     Shape: field (N, C, H, W) or (N, C, D, H, W), sides of at least 3; energy (N,) in the field's unit squared per
-    pixel⁴; residuals (N, C · numbers inside · second derivatives).
+    pixel⁴; residuals (N, C · inner places · second derivatives).
     Source: Rueckert et al., Nonrigid registration using free-form deformations, 1999, eq. 6.
 
     Args:
         on: name of the variable.
 
     Raises:
-        ValueError: for a field of another number of axes, or too small.
+        ValueError: if the field has another number of axes, or a side below 3.
 
-    >>> import torch
-    >>> BendingEnergy("flow")(torch.arange(4.0).square().expand(1, 1, 4, 4))
-    tensor([4.])
+    Example:
+        >>> import torch
+        >>> from kfit.energies import BendingEnergy
+        >>> BendingEnergy("flow")(torch.arange(4.0).square().expand(1, 1, 4, 4))
+        tensor([4.])
     """
 
     def __init__(self, on: str) -> None:
@@ -89,7 +93,7 @@ def _central(field: Tensor, axis: int) -> Tensor:
 
 
 def _inside(field: Tensor, skip: int | tuple[int, ...]) -> Tensor:
-    """Without the border of one pixel, along the axes that differences have not shortened yet."""
+    """Cut off a border of one pixel along the axes that differences have not shortened yet."""
     for axis in range(2, field.dim()):
         if axis not in (skip if isinstance(skip, tuple) else (skip,)):
             field = field.narrow(axis, 1, field.shape[axis] - 2)

@@ -14,11 +14,11 @@ from kfit.energies.weighting import fill_background, normalized_weights
 
 
 class SSIM(Energy):
-    """How much the local structure of two pictures differs.
+    """Structural dissimilarity of two pictures, (1 − SSIM) / 2.
 
     E = mean over pixels and channels of (1 − SSIM) / 2, with Kornia's map: a Gaussian window of σ = 1.5, K1 = 0.01,
-    K2 = 0.03, range 1, mirrored at the border. 0 for equal pictures, 1 for opposite ones. Where the weight is 0 both
-    pictures are painted white, so that neither the pixel nor its part in a neighbour's window counts.
+    K2 = 0.03, range 1, mirrored borders. E is 0 for equal pictures and 1 for opposite ones. Where the weight is 0 both
+    pictures are filled with white, so that hidden pixels do not change their neighbours' windows.
 
     Shape: pictures (N, C, H, W) in [0, 1], H and W larger than half the window; weight (N, 1, H, W); energy (N,);
     volumes (N, C, D, H, W) too.
@@ -28,7 +28,15 @@ class SSIM(Energy):
         window_size: width of the window in pixels, odd.
 
     Raises:
-        ValueError: for an even or non-positive window, pictures too small for it, and if the pictures' shapes differ.
+        ValueError: if the window is even or not positive, the pictures are too small for it, or their shapes differ.
+
+    Example:
+        >>> import torch
+        >>> from kfit.energies import SSIM
+        >>> picture = torch.rand(2, 3, 32, 32)
+        >>> noisy = (picture + 0.2 * torch.rand(2, 3, 32, 32)).clamp(0, 1)
+        >>> SSIM()(picture, picture), bool((SSIM()(noisy, picture) > 0).all())
+        (tensor([0., 0.]), True)
     """
 
     volumes = True

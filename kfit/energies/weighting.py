@@ -1,4 +1,4 @@
-"""What a per-pixel weight means to every energy."""
+"""Per-pixel weights, as all energies use them."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from kfit.core.check import check_shape
 
 
 def normalized_weights(weight: Tensor | None, like: Tensor) -> Tensor:
-    """Share of each number of ``like`` in its row's mean: w / (C · Σ_pixels w), so that a row's shares sum to 1.
+    """Normalize weights so that each row's sum over channels and pixels is 1: w / (C · Σ_pixels w).
 
-    A row whose weights are all 0 has shares of 0, and with them an energy of 0.
+    A row whose weights are all 0 gets weights of 0, and with them an energy of 0.
 
     Args:
-        weight: (N, 1, H, W), not negative, resized by area to the size of ``like``; None counts all pixels alike.
-        like: (N, C, h, w), or with volumes (N, C, d, h, w).
+        weight: (N, 1, H, W), not negative, resized by area to the size of ``like``; None weighs all pixels alike.
+        like: (N, C, h, w), or for volumes (N, C, d, h, w).
 
     Returns:
-        (N, 1, h, w), or (N, 1, 1, 1) where ``weight`` is None; float32 at least.
+        (N, 1, h, w), or (N, 1, 1, 1) if ``weight`` is None; float32 at least.
 
     Raises:
         ValueError: if ``weight`` has another shape or number of rows.
@@ -37,16 +37,16 @@ def normalized_weights(weight: Tensor | None, like: Tensor) -> Tensor:
 
 
 def root_weights(weight: Tensor | None, like: Tensor) -> Tensor:
-    """Square roots of `normalized_weights`, by which differences become residuals; at 0 their slope is 0 too."""
+    """Return square roots of `normalized_weights`, which turn differences into residuals; at 0 their slope is 0 too."""
     share = normalized_weights(weight, like)
     counted = share > 0
     return torch.where(counted, torch.where(counted, share, 1).sqrt(), 0)
 
 
 def fill_background(image: Tensor, weight: Tensor | None) -> Tensor:
-    """``image`` (N, C, H, W) with white, the background, wherever ``weight`` (N, 1, H, W) is 0.
+    """Return ``image`` (N, C, H, W) with white, the background, where ``weight`` (N, 1, H, W) is 0.
 
-    What is hidden may be anything, NaN too: painting both sides alike keeps it out of sums, and out of the windows and
-    receptive fields of its neighbours, so that a half-hidden object still has its least energy at the truth.
+    Hidden pixels may hold anything, NaN too. Filling both sides alike removes them from sums, and from the windows and
+    receptive fields of their neighbours, so that a partly hidden object still has its least energy at the truth.
     """
     return image if weight is None else torch.where(weight > 0, image, 1.0)

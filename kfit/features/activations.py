@@ -1,4 +1,4 @@
-"""Any torch network as a feature network: what some of its modules gave out."""
+"""Activations of any torch network as a feature network."""
 
 from __future__ import annotations
 
@@ -13,31 +13,40 @@ from kfit.core import frozen
 from kfit.core.check import check_count, check_list, check_names, check_text
 from kfit.features.network import FeatureNetwork
 
-# Where the hooks of the call at hand put what they saw. Threads share networks, and each has a context of its own.
+# Activations of the current call, filled by hooks. Threads share networks, and each thread has its own context.
 _FOUND: ContextVar[dict[str, Any] | None] = ContextVar("found", default=None)
 
 
 class Activations(FeatureNetwork):
-    """Outputs of named modules of a network that knows nothing of it, such as DINO's blocks.
+    """Outputs of named modules of any torch network, such as DINO's blocks.
 
-    The network is held as a frozen twin, in evaluation mode; the one that was given stays as it was. Of a module that
-    gives out a tuple the first tensor is taken, and of one that runs several times in a picture the last output.
+    A frozen copy of the network in evaluation mode is used; the original is not changed. Of a module that returns a
+    tuple the first tensor is used, and of one that runs several times for a picture the last output.
 
-    Tokens (N, T, D) of a transformer become (N, D, h, w) when ``num_prefix_tokens`` is given: that many are dropped in
-    front, and the others fill a grid row by row, of the picture's aspect. A network that wants pictures of another
-    size stands behind an ``nn.Upsample`` in an ``nn.Sequential``; its modules' names then begin with "1.".
+    Tokens (N, T, D) of a transformer become (N, D, h, w) if ``num_prefix_tokens`` is set: that many tokens are dropped
+    at the front, and the others fill a grid row by row, with the picture's aspect ratio. For a network that needs
+    pictures of another size, put an ``nn.Upsample`` before it in an ``nn.Sequential``; its modules' names then start
+    with "1.".
 
     Shape: pictures (N, 3, H, W) in [0, 1]; features (N, C, h, w).
 
     Args:
         network: takes normalised pictures (N, 3, H, W).
-        layers: names of its modules as ``network.named_modules()`` spells them, "layer2.0.conv1".
-        num_prefix_tokens: tokens in front that stand for no patch (class and register tokens); None if the layers
-            give out pictures.
-        mean, std: what pictures are normalised by, one number a channel; ImageNet's unless given.
+        layers: names of its modules as in ``network.named_modules()``, such as "layer2.0.conv1".
+        num_prefix_tokens: number of tokens at the front that are not patches (class and register tokens); None if the
+            layers return pictures.
+        mean, std: normalisation of pictures, one number for each channel; by default ImageNet's.
 
     Raises:
-        ValueError: for modules that do not exist or that never ran, and outputs of other shapes.
+        ValueError: if a module does not exist or did not run, or an output has another shape.
+
+    Example:
+        >>> import torch
+        >>> from kfit.features import Activations
+        >>> network = torch.nn.Sequential(torch.nn.Conv2d(3, 8, 3, stride=2, padding=1), torch.nn.ReLU())
+        >>> features = Activations(network, ["1"])(torch.rand(2, 3, 64, 64))
+        >>> features["1"].shape
+        torch.Size([2, 8, 32, 32])
     """
 
     def __init__(
@@ -68,7 +77,7 @@ class Activations(FeatureNetwork):
             _FOUND.reset(token)
         missing = [name for name in self.layers if name not in found]
         if missing:
-            raise ValueError(f"layers: {', '.join(missing)} did not run when the network looked at a picture")
+            raise ValueError(f"layers: {', '.join(missing)} did not run in the network's forward pass")
         return {name: self._picture(name, found[name], image) for name in self.layers}
 
     def _picture(self, name: str, output: Any, image: Tensor) -> Tensor:
@@ -96,5 +105,5 @@ def _remember(name: str, module: nn.Module, inputs: Any, output: Any) -> None:
     found = _FOUND.get()
     if found is not None:
         first = output[0] if isinstance(output, (tuple, list)) else output
-        # a copy, because what comes next may write into its input
+        # a copy, because the next module may write into its input
         found[name] = first.clone() if isinstance(first, Tensor) else first

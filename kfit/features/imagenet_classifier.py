@@ -12,7 +12,7 @@ NUM_FEATURES, NUM_CLASSES = 1280, 1000
 
 
 class ImageNetClassifier(nn.Module):
-    """What EfficientNet-Lite0 sees in whole pictures.
+    """EfficientNet-Lite0 with its pooled features and classes.
 
     Features f are the means over the picture of the last convolution's 1280 channels, and the logits of ImageNet's 1000
     classes are V·f + c. The network is trained on pictures of 224 × 224 pixels.

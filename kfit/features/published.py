@@ -19,18 +19,18 @@ _log = logging.getLogger(__name__)
 
 
 def fill_published(network: nn.Module, url: str, megabytes: int, weights: str | None = None) -> None:
-    """Fill a network with torchvision's published numbers for its parameters' names.
+    """Load torchvision's published weights into a network.
 
     Args:
-        network: its class bears the name of torchvision's, and its parameters torchvision's names.
-        url: of the published file, which is looked for in torch.hub's cache first.
-        megabytes: size of that file, which the message on fetching it tells.
-        weights: path of a .pth or .safetensors file to take instead.
+        network: its class has the name of torchvision's, and its parameters torchvision's names.
+        url: of the published file, which is looked up in torch.hub's cache first.
+        megabytes: size of that file, for the message about the download.
+        weights: path of a .pth or .safetensors file to load instead.
 
     Raises:
-        ValueError: for a file that is truncated or holds another network.
+        ValueError: if the file is truncated or holds another network.
         FileNotFoundError: if there is no file at ``weights``.
-        RuntimeError: if the published file can not be fetched.
+        RuntimeError: if the published file cannot be downloaded.
     """
     if weights is not None:
         check_text("weights", weights)

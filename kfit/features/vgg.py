@@ -1,4 +1,4 @@
-"""VGG16 and VGG19 without torchvision, on torchvision's published weights."""
+"""VGG16 and VGG19 with torchvision's published weights, without torchvision."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class _VGG(FeatureNetwork):
                 self.features.append(_convolution(channels, width))
                 channels = width
             elif name.startswith("relu"):
-                # in place spares memory, and would overwrite a convolution that was asked for
+                # in-place saves memory, but would overwrite a requested convolution
                 self.features.append(nn.ReLU(inplace=known[index - 1] not in layers))
             else:
                 self.features.append(nn.MaxPool2d(2))
@@ -51,7 +51,7 @@ class _VGG(FeatureNetwork):
 
 
 class VGG16(_VGG):
-    """VGG16 trained on ImageNet, up to the last layer that is asked for.
+    """VGG16 trained on ImageNet, up to the last requested layer.
 
     Layers are "conv1_1", "relu1_1", … "relu5_3", "pool1" … "pool5"; layer "relu3_3" of a (N, 3, H, W) picture is
     (N, 256, H // 4, W // 4).
@@ -59,14 +59,21 @@ class VGG16(_VGG):
     Source: Simonyan and Zisserman, 2015; weights as torchvision publishes them (BSD-3-Clause).
 
     Args:
-        layers: names of the layers to give out.
+        layers: names of the layers to return.
         weights: path of a .pth or .safetensors file with torchvision's names; None takes torchvision's published
-            file from torch.hub's cache, fetching it (528 MB) the first time.
+            file from torch.hub's cache, and downloads it (528 MB) the first time.
 
     Raises:
-        ValueError: for a layer that does not exist, or a file that is truncated or holds another network.
+        ValueError: if a layer does not exist, or the file is truncated or holds another network.
         FileNotFoundError: if there is no file at ``weights``.
-        RuntimeError: if the published file can not be fetched.
+        RuntimeError: if the published file cannot be downloaded.
+
+    Example:
+        >>> from kfit.features import VGG16
+        >>> VGG16(weights="missing.pth")
+        Traceback (most recent call last):
+        FileNotFoundError: weights: there is no file missing.pth
+        >>> VGG16(["relu2_2", "relu3_3"])  # downloads the weights the first time  # doctest: +SKIP
     """
 
     convolutions = (2, 2, 3, 3, 3)
@@ -75,10 +82,17 @@ class VGG16(_VGG):
 
 
 class VGG19(_VGG):
-    """VGG19 trained on ImageNet, up to the last layer that is asked for.
+    """VGG19 trained on ImageNet, up to the last requested layer.
 
     As `VGG16`, with layers up to "relu5_4"; its published file has 548 MB. The released code of the paper compares
     layer "conv3_3".
+
+    Example:
+        >>> from kfit.features import VGG19
+        >>> VGG19(weights="missing.pth")
+        Traceback (most recent call last):
+        FileNotFoundError: weights: there is no file missing.pth
+        >>> VGG19(["conv3_3"])  # downloads the weights the first time  # doctest: +SKIP
     """
 
     convolutions = (2, 2, 4, 4, 4)
@@ -87,13 +101,13 @@ class VGG19(_VGG):
 
 
 def _convolution(channels: int, width: int) -> nn.Module:
-    """A 3 × 3 convolution in single precision, whatever torch's default type is, yet to be filled."""
+    """Return an uninitialised 3 × 3 convolution in single precision, whatever torch's default type is."""
     made: nn.Module = nn.utils.skip_init(nn.Conv2d, channels, width, 3, padding=1, dtype=torch.float32)
     return made
 
 
 def _names(convolutions: tuple[int, ...]) -> list[str]:
-    """Layer names in order: the position of a name is torchvision's number of the module."""
+    """Return layer names in order: the position of a name is torchvision's number of the module."""
     names = []
     for block, count in enumerate(convolutions, 1):
         names += [f"{kind}{block}_{i}" for i in range(1, count + 1) for kind in ("conv", "relu")]

@@ -1,4 +1,4 @@
-"""Fits: the pipeline, what it evaluates, how it starts, weights over its steps, what it records, and its gradients."""
+"""Fits: pipeline, objective, starts, schedules, recorder, and gradients and covariance of answers."""
 
 from kfit.fitting.covariance import answer_covariance
 from kfit.fitting.implicit import differentiable_answer

@@ -1,4 +1,4 @@
-"""Parts of a fit that break their contract are refused in one sentence that names the part and the remedy."""
+"""Checks of the parts of a fit: each error names the part and the remedy in one sentence."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from kfit.core.variables import Variables
 def check_parts(
     generator: Any, energies: Any, initializers: Any, optimizer: Any, selector: Any, callbacks: Any
 ) -> None:
-    """Refuse parts of the wrong kind, a generator without variables, and names that do not go together.
+    """Refuse parts of the wrong type, a generator without variables, and names that do not match.
 
     Raises:
         TypeError, ValueError: naming the part, what was expected and what to do.
@@ -37,7 +37,7 @@ def check_parts(
     if not energies:
         raise ValueError("energies must name at least one energy, got none")
     for name, term in energies.items():
-        # `ModuleDict` keeps its modules as attributes beside its own.
+        # `ModuleDict` stores its modules as attributes.
         if not isinstance(name, str) or not name or "." in name or hasattr(nn.ModuleDict(), name):
             raise ValueError(
                 f"energies: an energy cannot be named {name!r}; names are not empty, have no dot, and are none of "
@@ -57,7 +57,7 @@ def check_parts(
 
 
 def _check_names(generator: Generator, energies: Mapping[str, Any], initializers: Sequence[Initializer]) -> None:
-    """Refuse priors on unknown variables, and variables that no or two initializers set."""
+    """Refuse priors on unknown variables, and variables that no initializer or several set."""
     for name, term in energies.items():
         if isinstance(term, Prior):
             check_names(f"energies.{name}.on", [term.on] if isinstance(term.on, str) else term.on, generator.variables)
@@ -69,7 +69,7 @@ def _check_names(generator: Generator, energies: Mapping[str, Any], initializers
 
 
 def check_weights(energies: Mapping[str, Any], weights: Any, rank_weights: Any) -> None:
-    """Refuse weights that are no dict of numbers, or of schedules where these may stand, and unknown names.
+    """Refuse weights that are not a dict of numbers (or schedules, where accepted), and unknown names.
 
     Raises:
         TypeError, ValueError: naming the weight.
@@ -86,10 +86,10 @@ def _check_weight(name: str, weight: Any) -> None:
 
 
 def check_kind(name: str, value: Any, *kinds: type, remedy: str = "") -> None:
-    """Refuse what is of none of these kinds, a class in place of its instance among it.
+    """Refuse a value that is not an instance of one of these classes, such as the class itself.
 
     Raises:
-        TypeError: naming the kinds, what came, and the remedy.
+        TypeError: naming the classes, the actual type, and the remedy.
     """
     if isinstance(value, kinds):
         return
@@ -101,17 +101,17 @@ def check_kind(name: str, value: Any, *kinds: type, remedy: str = "") -> None:
 
 
 def check_observation(observation: Any) -> None:
-    """Refuse what is no observation.
+    """Refuse anything but an observation.
 
     Raises:
-        TypeError: naming what came.
+        TypeError: naming the actual type.
     """
     remedy = "kfit.core.Observation(picture) makes one" if isinstance(observation, Tensor) else ""
     check_kind("observation", observation, Observation, remedy=remedy)
 
 
 def check_rendering(generator: Generator, rendering: Any) -> None:
-    """Refuse what is no rendering.
+    """Refuse anything but a rendering.
 
     Raises:
         TypeError: naming the generator.
@@ -121,7 +121,7 @@ def check_rendering(generator: Generator, rendering: Any) -> None:
 
 
 def check_sizes(name: str, term: Energy, rendering: Rendering, observation: Observation) -> None:
-    """Refuse drawings of another size than the observation, which an energy on networks would compare all the same.
+    """Refuse drawings of another size than the observation, which energies on networks would compare nevertheless.
 
     Raises:
         ValueError: naming the term, the field and both sizes.
@@ -139,13 +139,13 @@ def check_reached(
     context: Mapping[str, Tensor],
     missing: Sequence[str],
 ) -> None:
-    """Refuse a generator through which no gradient reaches a variable, whatever is compared.
+    """Refuse a generator through which no gradient reaches a variable, whatever the energies are.
 
     Args:
         generator: draws.
-        terms: of the fit; what a prior is on may be left out of the drawing.
+        terms: of the fit; variables of priors need not change the drawing.
         raw: (N, \\*shape) each, N at least 1; one row is drawn.
-        context: what the generator prepared for the rows.
+        context: the result of the generator's `prepare`, by row.
         missing: variables on which the energies do not depend.
 
     Raises:
@@ -189,7 +189,7 @@ def check_term(name: str, term: Any, found: Any, rows: int, residuals: bool = Fa
 
 
 def check_memory(optimizer: Optimizer, memory: Any, rows: int) -> None:
-    """Refuse an optimizer's memory in which a tensor does not lead with rows, so that no row could leave it.
+    """Refuse an optimizer's memory in which a tensor does not lead with rows, because rows could not be removed.
 
     Raises:
         ValueError: naming the optimizer and the tensor.
@@ -203,7 +203,7 @@ def check_memory(optimizer: Optimizer, memory: Any, rows: int) -> None:
 
 
 def check_state(callback: Callback, state: Any) -> None:
-    """Refuse what a callback returned in place of the state.
+    """Refuse anything but a state as the result of a callback.
 
     Raises:
         TypeError: naming the callback.
@@ -213,7 +213,7 @@ def check_state(callback: Callback, state: Any) -> None:
 
 
 def check_winner(selector: Selector, winner: Any, problem: Tensor) -> None:
-    """Refuse rows that a selector picked where they are not one of each problem, in order.
+    """Refuse a selection that is not one row of each problem, in order.
 
     Raises:
         TypeError, ValueError: naming the selector.

@@ -1,4 +1,4 @@
-"""What an objective hands from drawing to comparing, and one evaluation of several chunks."""
+"""Intermediate values of an objective, and the concatenation of evaluations of chunks."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from kfit.core import Evaluation, Rendering, Variables
 
 
 class RowInputs(NamedTuple):
-    """What belongs to the problems of some rows: numbers of pictures, features of targets, the context."""
+    """Inputs of some rows that belong to their problems: numbers of pictures, prepared targets, the context."""
 
     problem: Tensor
     picture: Tensor
@@ -20,7 +20,7 @@ class RowInputs(NamedTuple):
 
 
 class DrawnRows(NamedTuple):
-    """Rows as drawn and compared; of what a generator does not vouch for, the overlap and what is missing of it."""
+    """Drawn and compared rows, with overlap and shortfall if the rendering has a weight."""
 
     values: Variables
     rendering: Rendering
@@ -31,13 +31,13 @@ class DrawnRows(NamedTuple):
 
 
 def joined_evaluation(chunks: list[Evaluation]) -> Evaluation:
-    """One evaluation of the rows of all chunks."""
+    """Concatenate the evaluations of all chunks."""
     joined: Evaluation = _joined(chunks)
     return joined
 
 
 def _joined(chunks: list[Any]) -> Any:
-    """One evaluation of all rows: what the chunks hold, tensor by tensor."""
+    """Concatenate the contents of chunks, tensor by tensor."""
     first = chunks[0]
     if isinstance(first, Tensor):
         return torch.cat(chunks)

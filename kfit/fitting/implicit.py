@@ -9,35 +9,36 @@ from kfit.core import Energy, FitResult, Observation, Prior, Variables
 from kfit.fitting.objective import Objective
 from kfit.fitting.pipeline import FitPipeline
 
-# Unknowns of a problem: the curvature takes a pass backwards for each.
+# Unknowns of a problem: the curvature needs a backward pass for each.
 MAX_UNKNOWNS = 256
 
 
 def differentiable_answer(pipeline: FitPipeline, observation: Observation, result: FitResult) -> Variables:
-    """The winners of a fit with gradients by the observation's tensors, such as the target picture.
+    """Return the winners of a fit with gradients with respect to the observation, such as the target picture.
 
-    At a minimum the slope g(x, y) of the energy by the variables x is 0, whatever the observation y; hence
+    At a minimum the gradient g(x, y) of the energy with respect to the variables x is 0 for every observation y; hence
     dx/dy = −H⁻¹ ∂g/∂y with H = ∂g/∂x (Gould et al., "On differentiating parameterized argmin and argmax problems",
-    2016, lemma 3.2). This holds at minima, so fit to convergence, by `kfit.optimizers.LBFGS` or
-    `kfit.optimizers.LevenbergMarquardt`, and in double precision where gradients are to be exact. The generator and the
-    energies must be differentiable twice.
+    2016, lemma 3.2). This holds at minima, so fit to convergence, with `kfit.optimizers.LBFGS` or
+    `kfit.optimizers.LevenbergMarquardt`, and in double precision for exact gradients. The generator and the energies
+    must be twice differentiable.
 
     Args:
-        pipeline: that made the fit; the weights of its last step count.
-        observation: that was fitted, with tensors that require gradients.
+        pipeline: the pipeline of the fit; the weights of its last step are used.
+        observation: the fitted observation, with tensors that require gradients.
         result: of ``pipeline`` for it.
 
     Returns:
-        The winners (B, \\*shape), moved by one Newton step, with gradients by the observation. A problem of which all
-        starts failed has NaN.
+        The winners (B, \\*shape), moved by one Newton step, with gradients with respect to the observation; NaN for a
+        problem whose starts all failed.
 
     Raises:
-        ValueError: for more than 256 unknowns a problem, or an answer from which the energy does not rise in every
-            direction.
+        ValueError: if a problem has more than 256 unknowns, or the energy does not increase in every direction from
+            an answer.
 
     Example:
         >>> import torch, kfit
         >>> from kfit.core import Observation
+        >>> from kfit.fitting import differentiable_answer
         >>> from kfit.energies import L2
         >>> from kfit.generators import Template
         >>> from kfit.initializers import Constant
@@ -80,7 +81,7 @@ def differentiable_answer(pipeline: FitPipeline, observation: Observation, resul
 
 
 def _curvature(slope: Tensor, steps: list[Tensor]) -> Tensor:
-    """Second derivatives (B, P, P) of each problem's energy, without a graph."""
+    """Return second derivatives (B, P, P) of each problem's energy, without a graph."""
     rows = []
     for number in range(slope.shape[1]):
         second = torch.autograd.grad(slope[:, number].sum(), steps, retain_graph=True, materialize_grads=True)
@@ -89,7 +90,7 @@ def _curvature(slope: Tensor, steps: list[Tensor]) -> Tensor:
 
 
 def _check_minimum(curvature: Tensor) -> None:
-    """Refuse problems at whose answers the energy does not rise in every direction; NaN is another matter."""
+    """Refuse problems at whose answers the energy does not increase in every direction; NaN is not refused."""
     whole = curvature.isfinite().flatten(1).all(1)[:, None, None]
     eye = torch.eye(curvature.shape[1], dtype=curvature.dtype, device=curvature.device)
     spectrum = torch.linalg.eigvalsh(curvature.where(whole, eye))

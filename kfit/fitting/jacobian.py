@@ -1,4 +1,4 @@
-"""Products with the Jacobian of residuals, by reverse mode alone."""
+"""Products with the Jacobian of residuals, in reverse mode only."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from torch import Tensor
 
 
 class JacobianProducts:
-    """The `kfit.core.Linearization` of drawn rows: J · step and Jᵀ · residuals, each for one pass backwards.
+    """The `kfit.core.Linearization` of drawn rows: J · step and Jᵀ · residuals, with one backward pass each.
 
-    J · v is the derivative of Jᵀu by u along v ("double backward"): ``grid_sample`` has no forward mode, in torch 2.13,
-    while its backward pass can be differentiated.
+    J · v is the derivative of Jᵀu by u along v ("double backward"), because ``grid_sample`` has no forward mode in
+    torch 2.13, while its backward pass is differentiable.
 
     Args:
-        parts: for each chunk of rows the steps (n, \\*raw_shape) that were taken, zeros with a graph, by variable, and
-            the residuals (n, M) there.
+        parts: for each chunk of rows the steps (n, \\*raw_shape) by variable, zeros with a graph, and the residuals (n,
+            M) there.
     """
 
     def __init__(self, parts: Sequence[tuple[Sequence[Tensor], Tensor]]) -> None:
@@ -24,7 +24,7 @@ class JacobianProducts:
         self._pulled: list[tuple[Tensor, list[Tensor]] | None] = [None] * len(self._parts)
 
     def push(self, step: Tensor) -> Tensor:
-        """J · step, (N, M), for steps (N, P) of all variables laid end to end."""
+        """Return J · step, (N, M), for steps (N, P) of all variables, concatenated."""
         found = []
         for number, rows in enumerate(step.split([len(residuals) for _, residuals in self._parts])):
             held = self._pulled[number]
@@ -40,7 +40,7 @@ class JacobianProducts:
         return torch.cat(found)
 
     def pull(self, residuals: Tensor) -> Tensor:
-        """Jᵀ · residuals, (N, P), for (N, M)."""
+        """Return Jᵀ · residuals, (N, P), for (N, M)."""
         found = []
         for (steps, drawn), rows in zip(self._parts, residuals.split([len(r) for _, r in self._parts]), strict=True):
             found.append(torch.cat([part.reshape(len(part), -1) for part in _gradients(drawn, steps, rows)], 1))
@@ -48,7 +48,7 @@ class JacobianProducts:
 
 
 def _gradients(drawn: Tensor, steps: Sequence[Tensor], weights: Tensor, create_graph: bool = False) -> list[Tensor]:
-    """Derivatives of Σ weights · drawn by each step; zeros for those that change nothing."""
+    """Return derivatives of Σ weights · drawn by each step; zeros for steps without effect."""
     if not drawn.requires_grad:
         return [torch.zeros_like(step) for step in steps]
     return list(
@@ -57,7 +57,7 @@ def _gradients(drawn: Tensor, steps: Sequence[Tensor], weights: Tensor, create_g
 
 
 def _gradients_of(pulled: Sequence[Tensor], dummy: Tensor, along: Sequence[Tensor]) -> Tensor:
-    """Derivatives of Σ along · pulled by ``dummy``; zeros where no variable changes a residual."""
+    """Return derivatives of Σ along · pulled by ``dummy``; zeros if no variable changes a residual."""
     pairs = [(tensor, part) for tensor, part in zip(pulled, along, strict=True) if tensor.requires_grad]
     if not pairs:
         return torch.zeros_like(dummy)

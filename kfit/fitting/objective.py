@@ -1,4 +1,4 @@
-"""What a pipeline's optimizer asks: how good are these rows, and which way is down?"""
+"""The objective of a fit: draws rows, compares them, and returns energies and derivatives."""
 
 from __future__ import annotations
 
@@ -29,24 +29,24 @@ from kfit.fitting.drawn_rows import DrawnRows, RowInputs, joined_evaluation
 from kfit.fitting.jacobian import JacobianProducts
 from kfit.fitting.overlap import joint_weight, overlap_of, shortfall, too_little
 
-# Pixels that are drawn at once. On a CPU what a chunk of 16 pictures of 64 × 64 needs stays in the cache and is memory
-# that is used again: 120 at once take 1.7 times as long a picture, and 2 as long again as 16.
+# Pixels that are drawn at once. On a CPU a chunk of 16 pictures of 64 × 64 fits the cache and reuses its memory: with
+# 120 at once a picture takes 1.7 × as long, with 2 at once as long as with 16.
 CHUNK_PIXELS = {"cpu": 16 * 64 * 64}
 CHUNK_PIXELS_ELSEWHERE = 512 * 64 * 64
 
 
 class Objective:
-    """The `kfit.core.Evaluate` of one fit: draws rows, compares them with targets whose features it holds.
+    """The `kfit.core.Evaluate` of one fit: draws rows and compares them with prepared targets.
 
-    Rows are drawn in chunks, so that memory does not grow with their number; no row's answer depends on others. Under
-    ``torch.autocast`` the generator draws in its precision, and of the terms those compare in it that say they can.
+    Rows are drawn in chunks, so that memory does not grow with their number; no row's result depends on other rows.
+    Under ``torch.autocast`` the generator draws in its precision, and energies with ``mixed`` compare in it.
 
-    Where a rendering has a weight, each energy compares under its product with the observation's weight, so a row's
-    energy is a mean over what both count, as in airlab's masked losses. The *overlap* of a row is
-    o = Σ w_rendering · w_observation / Σ w_observation. A row with o < ``min_overlap``, or of no overlap, cannot win:
-    its ranking energy is infinite (ITK 4 gives the largest number to rows of no valid points; elastix stops below its
-    RequiredRatioOfValidSamples, 0.25). Its descended energy has the residual √(Σ_k |w_k|) · (1 − o / min_overlap) more,
-    with the weights w_k of the energies, which leads it back.
+    If a rendering has a weight, each energy uses its product with the observation's weight, so a row's energy is a mean
+    over the pixels of both, as in airlab's masked losses. The *overlap* of a row is
+    o = Σ w_rendering · w_observation / Σ w_observation. A row with o < ``min_overlap``, or without overlap, cannot win:
+    its ranking energy is infinite (ITK 4 returns the largest number for rows without valid points; elastix stops below
+    its RequiredRatioOfValidSamples, 0.25). Its minimised energy has an additional residual
+    √(Σ_k |w_k|) · (1 − o / min_overlap), with the weights w_k of the energies, which leads it back.
 
     Args:
         generator: frozen.
@@ -56,7 +56,7 @@ class Objective:
         min_overlap: least overlap of a row that may win.
 
     Attributes:
-        weights: of the terms in the energy that is descended; the pipeline sets them before each step.
+        weights: of the terms in the minimised energy; the pipeline sets them before each step.
         num_evaluations: pictures drawn so far.
     """
 
@@ -92,22 +92,22 @@ class Objective:
         self.chunk = max(1, pixels // (size * self.views))
 
     def __call__(self, raw: Variables, problem: Tensor, need: Need = "value") -> Evaluation:
-        """Draw and compare.
+        """Draw and compare rows.
 
         Raises:
-            ValueError: if residuals are asked for and a term that is descended is no sum of squares.
+            ValueError: if residuals are requested and a minimised term is not a sum of squares.
         """
         return joined_evaluation([self._evaluate(part, rows, need) for part, rows in self._chunks(raw, problem)])
 
     def retract(self, raw: Variables, step: Variables) -> Variables:
-        """Raw variables after a step, each in its own space."""
+        """Return raw variables after a step, each in its own space."""
         return {name: self.spaces[name].retract(tensor.detach(), step[name]) for name, tensor in raw.items()}
 
     def linearize(self, raw: Variables, problem: Tensor) -> JacobianProducts:
         """Draw rows once and keep their graphs, for products with the Jacobian of their residuals.
 
         Raises:
-            ValueError: if a term that is descended is no sum of squares.
+            ValueError: if a minimised term is not a sum of squares.
         """
         parts = []
         for part, rows in self._chunks(raw, problem):
@@ -118,7 +118,7 @@ class Objective:
         return JacobianProducts(parts)
 
     def energy_of(self, raw: Variables, problem: Tensor) -> Tensor:
-        """Descended energies (N,) of rows drawn at once, with the graph of ``raw`` and of the observation."""
+        """Return minimised energies (N,) of rows drawn at once, with the graph of ``raw`` and of the observation."""
         return self._descended(self._draw(raw, self._gather(problem), "value"))
 
     def _descended(self, drawn: DrawnRows) -> Tensor:
@@ -162,14 +162,14 @@ class Objective:
         count, observed = len(rows.problem), self._rows_of(self.observation.weight, rows.picture)
         joint = None if rendering.weight is None else joint_weight(rendering.weight, observed)
         terms: dict[str, Tensor] = {}
-        # None of them, where no term is descended.
+        # Stays empty if no term is minimised.
         residuals = [rendering.image.new_zeros(count, 0)]
         for name, term in self.terms.items():
             weight = self.weights[name]
             if not weight and not self.rank_weights.get(name):
                 continue
             target = rows.targets[name]
-            # What only ranks has no slope.
+            # Terms that only rank need no gradient.
             with torch.set_grad_enabled(torch.is_grad_enabled() and bool(weight)), self._precision(term):
                 if isinstance(term, Energy):
                     check_sizes(name, term, rendering, self.observation)
@@ -181,7 +181,7 @@ class Objective:
                 if need == "residuals" and weight:
                     parts = self._residuals(name, given)
                     check_term(name, term, parts, pictures, residuals=True)
-                    if isinstance(term, Energy):  # a mean over the views
+                    if isinstance(term, Energy):  # the mean over the views
                         parts = parts.reshape(count, self.views * parts.shape[1]) / self.views**0.5
                     residuals.append(weight**0.5 * parts)
                     terms[name] = parts.square().sum(1)
@@ -191,7 +191,7 @@ class Objective:
                     terms[name] = found if isinstance(term, Prior) else found.view(count, self.views).mean(1)
         overlap = missing = None
         if joint is not None:
-            # One number a row for all of its views.
+            # One number for all views of a row.
             seen = None if observed is None else observed.unflatten(0, (-1, self.views))
             overlap = overlap_of(joint.unflatten(0, (-1, self.views)), seen)
             compared = [abs(self.weights[name]) for name, term in self.terms.items() if isinstance(term, Energy)]
@@ -200,7 +200,7 @@ class Objective:
         return DrawnRows(values, rendering, terms, residuals, overlap, missing)
 
     def _precision(self, term: Energy | Prior) -> AbstractContextManager[Any]:
-        """The precision around, for a term that can compare in it; else single."""
+        """Return a context of the current precision for terms that can compare in it, else of single precision."""
         mixed = isinstance(term, Energy) and term.mixed
         return nullcontext() if mixed else torch.autocast(self.device, enabled=False)
 
@@ -232,9 +232,9 @@ class Objective:
         }
 
     def _chunks(self, raw: Variables, problem: Tensor) -> Iterator[tuple[Variables, RowInputs]]:
-        """Even parts of at most `chunk` rows; one part of none, where there are no rows.
+        """Yield even parts of at most `chunk` rows; one empty part if there are no rows.
 
-        What belongs to their problems is gathered anew only when the rows have changed.
+        The inputs of their problems are gathered again only if the rows have changed.
         """
         rows, count = len(problem), max(1, -(-len(problem) // self.chunk))
         self.num_evaluations += rows * self.views

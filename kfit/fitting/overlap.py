@@ -1,4 +1,4 @@
-"""What a rendering and an observation both count, and rows of which that is too little."""
+"""The overlap of a rendering and an observation."""
 
 from __future__ import annotations
 
@@ -7,19 +7,19 @@ from torch import Tensor
 
 
 def joint_weight(drawn: Tensor, observed: Tensor | None) -> Tensor:
-    """The product (N, 1, H, W) of a rendering's weight and the observation's; None counts all pixels alike.
+    """Multiply a rendering's weight (N, 1, H, W) by the observation's; None is 1 everywhere.
 
-    Where it is 0 it has no slope, as roots of weights would have an infinite one there.
+    Where the product is 0 its slope is set to 0, because the square root of a weight has an infinite slope there.
     """
     joint = drawn if observed is None else drawn * observed
     return joint.masked_fill(joint == 0, 0)
 
 
 def overlap_of(joint: Tensor, observed: Tensor | None) -> Tensor:
-    """What is counted of what the observation counts: Σ joint / Σ observed, (N,) in [0, 1]; 0 where it counts nothing.
+    """Compute the overlap Σ joint / Σ observed, (N,) in [0, 1]; 0 if the observation's weight is 0 everywhere.
 
     Args:
-        joint: as `joint_weight` gives it.
+        joint: the result of `joint_weight`.
         observed: the observation's weight.
     """
     if observed is None:
@@ -29,10 +29,10 @@ def overlap_of(joint: Tensor, observed: Tensor | None) -> Tensor:
 
 
 def too_little(overlap: Tensor, least: float) -> Tensor:
-    """Which rows (N,) overlap less than ``least``, or not at all."""
+    """Return which rows (N,) overlap less than ``least``, or not at all."""
     return (overlap < least) | (overlap <= 0)
 
 
 def shortfall(overlap: Tensor, least: float) -> Tensor:
-    """The share (N,) that is missing of the least overlap, from 0 to 1."""
+    """Return the fraction (N,) that is missing to the least overlap, from 0 to 1."""
     return (1 - overlap / least).clamp_min(0) if least else torch.zeros_like(overlap)

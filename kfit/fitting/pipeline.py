@@ -43,35 +43,47 @@ _log = logging.getLogger(__name__)
 
 
 class FitPipeline(nn.Module):
-    """Fits a generator's variables so that its drawings explain observed pictures.
+    """Fit a generator's variables such that its drawings explain observed pictures.
 
-    The energy of a row is E(x) = Σ_k w_k · e_k(render(x), observation) + Σ_p w_p · p(x); its gradient is that of the
-    sum over rows, so that every row walks its own path. The networks are frozen once, here; the originals are left
-    as they are.
+    The energy of a row is E(x) = Σ_k w_k · e_k(render(x), observation) + Σ_p w_p · p(x). Rows do not interact. The
+    pipeline uses frozen copies of the networks; the originals are not changed.
 
     Args:
         generator: draws.
         energies: energies and priors by name.
-        initializers: between them they set each of the generator's variables once.
+        initializers: together they set each of the generator's variables once.
         optimizer: moves the rows.
         weights: weight of each term, a number or a schedule; 1 for terms not named.
-        rank_weights: weights by which best-so-far and winner are judged; the final ``weights`` unless given, and 0
-            for terms not named.
-        selector: picks the winner among a problem's starts.
+        rank_weights: weights by which best-so-far and winner are ranked; by default the final ``weights``. If set,
+            terms not named have weight 0.
+        selector: selects the winner among a problem's starts.
         callbacks: progress, pruning, recording.
-        num_starts: S, starts a problem.
-        num_candidates: C ≥ S, starts a problem that initializers propose; each is drawn once, without a gradient, and
-            the S of the least ranking energy are started. All are unless given.
+        num_starts: S, number of starts a problem.
+        num_candidates: C ≥ S, number of initial values a problem; each is drawn once, without a gradient, and the S of
+            least ranking energy become starts. S by default.
         num_steps: steps of the optimizer; the last iterate is evaluated too.
-        history: whether the result's history holds the starts' values at every step, at every so many steps, or at
-            none; energies and terms, which are small, are always there.
-        min_overlap: where renderings have a weight, as `kfit.generators.Template`'s do, energies are means over what
-            both sides count, and this is the least share of the observation's weight that a row must cover to win:
-            below it its ranking energy is infinite, and a penalty leads it back.
+        history: whether the history holds the starts' values at every step, at every so many steps, or not at all;
+            energies and terms, which are small, are always recorded.
+        min_overlap: if renderings have a weight, as `kfit.generators.Template`'s do, energies are means over the
+            overlap, and this is the least fraction of the observation's weight that a row must cover to win. Below it
+            the ranking energy is infinite, and a penalty leads the row back.
 
     Raises:
-        ValueError: for weights or rates of unknown names, variables that no or two initializers set, priors on unknown
-            variables, and rank weights that are all 0.
+        ValueError: if weights or rates have unknown names, a variable is set by no initializer or by several, a prior
+            is on an unknown variable, or all rank weights are 0.
+
+    Example:
+        >>> import torch, kfit
+        >>> from kfit.energies import L2
+        >>> from kfit.generators import Template
+        >>> from kfit.initializers import Uniform
+        >>> from kfit.optimizers import Adam
+        >>> blob = torch.hann_window(32).outer(torch.hann_window(32))[None]  # a template, (1, 32, 32)
+        >>> start = Uniform("shift", -0.3, 0.3)
+        >>> fit = kfit.FitPipeline(Template(blob, "translation"), {"l2": L2()}, [start], Adam(0.02), num_starts=8)
+        >>> result = fit(kfit.Observation(blob.roll(4, 2)[None]), seed=0)  # moved by 4 of 32 pixels
+        >>> result.values["shift"][0, 0].round(decimals=2)  # in half-widths
+        tensor(0.2500)
     """
 
     def __init__(
@@ -115,7 +127,7 @@ class FitPipeline(nn.Module):
         self.num_candidates = num_starts if num_candidates is None else num_candidates
         if not any((rank_weights or self.weights_at(num_steps)).values()):
             raise ValueError("rank_weights must hold a number other than 0, or no start is better than another")
-        # Initializers and optimizers are no modules: networks that they hold are registered, so that `to` moves these.
+        # Initializers and optimizers are not modules: their networks are registered here, so that `to` moves them too.
         held = [value for initializer in self.initializers for value in vars(initializer).values()]
         networks = [value for value in held if isinstance(value, nn.Module)]
         self.networks = nn.ModuleList([*networks, *optimizer.networks])
@@ -124,7 +136,7 @@ class FitPipeline(nn.Module):
         check_memory(optimizer, optimizer.init(zeros, torch.zeros(2, dtype=torch.long)), 2)
 
     def train(self, mode: bool = True) -> FitPipeline:
-        """Stays in evaluation mode, also as a part of a module in training: its networks are frozen."""
+        """Stay in evaluation mode, also inside of a module in training, because the networks are frozen."""
         return super().train(False)
 
     def to_yaml(self) -> str:
@@ -139,24 +151,24 @@ class FitPipeline(nn.Module):
         return recipe_text(self)
 
     def compile(self, **kwargs: Any) -> None:  # type: ignore[override]
-        """Have the generator and the energies' feature networks compiled (`torch.compile`) when they are first used.
+        """Compile the generator and the energies' feature networks (`torch.compile`) at their first use.
 
-        That takes up to a minute for each number of rows, and PyTorch keeps it on the disk. It is meant for long runs
-        on a GPU; on a CPU it did not pay. Without a C++ compiler fits go on uncompiled.
+        Compilation takes up to a minute for each number of rows, and PyTorch caches it on disk. It is meant for long
+        runs on a GPU; on a CPU it did not save time. Without a C++ compiler fits run uncompiled.
 
         Args:
-            kwargs: as `torch.compile` takes them; modes with CUDA graphs fail, as one network draws for another.
+            kwargs: as `torch.compile` takes them; modes with CUDA graphs fail, because one network draws for another.
         """
         networks = (module for module in self.energies.modules() if isinstance(module, FeatureNetwork))
         compile_networks(self.generator, *networks, **kwargs)
 
     @property
     def device(self) -> torch.device:
-        """Where its networks compute."""
+        """Device of its networks."""
         return next(chain(self.parameters(), self.buffers(), [torch.empty(0)])).device
 
     def weights_at(self, step: int) -> dict[str, float]:
-        """Weights of the terms at a step, 0 to ``num_steps``."""
+        """Return the weights of the terms at a step, 0 to ``num_steps``."""
         return {k: w(step, self.num_steps) if isinstance(w, Schedule) else w for k, w in self.weights.items()}
 
     @safe_after_fork()
@@ -164,18 +176,18 @@ class FitPipeline(nn.Module):
         """Fit B problems.
 
         Args:
-            observation: what was seen.
-            seed: with the problems' keys it decides every random number, at least 0; taken from torch's generator
-                unless given.
+            observation: the pictures to explain.
+            seed: with the problems' keys it determines every random number, at least 0; drawn from torch's generator
+                by default.
 
         Raises:
-            ValueError: for an observation without pictures or without a field that an energy compares.
+            ValueError: if the observation has no pictures, or lacks a field that an energy compares.
             FitError: if every start of every problem became NaN or infinite.
         """
         check_observation(observation)
         if seed is not None:
             check_count("seed", seed, 0)
-        # A fit inside `trainer.predict` finds inference mode on, under which no gradient can be asked for.
+        # `trainer.predict` enables inference mode, in which gradients are not available.
         with torch.inference_mode(False), torch.no_grad():
             return self._fit(observation.map(lambda tensor: tensor.clone() if tensor.is_inference() else tensor), seed)
 
@@ -189,7 +201,7 @@ class FitPipeline(nn.Module):
         terms: dict[str, Energy | Prior] = dict(self.energies.items())  # type: ignore[arg-type]
         rank_weights = self.rank_weights or self.weights_at(self.num_steps)
         objective = Objective(self.generator, terms, rank_weights, observation, self.min_overlap)
-        with torch.autocast(device.type, enabled=False):  # it would round the starts
+        with torch.autocast(device.type, enabled=False):  # autocast would round the starts
             proposed = initialize(
                 self.initializers, self.generator.variables, observation.first_views(), self.num_candidates, seed
             )
@@ -206,7 +218,7 @@ class FitPipeline(nn.Module):
             if step < self.num_steps:
                 new, seen, memory = self.optimizer.step(objective, state.raw, state.problem, state.optimizer)
                 check_memory(self.optimizer, memory, len(state.problem))
-            else:  # the last iterate is only looked at
+            else:  # the last iterate is only evaluated
                 new, seen, memory = state.raw, objective(state.raw, state.problem), state.optimizer
             state = self._advance(state, step, new, seen, memory)
             recorder.record(state)

@@ -1,4 +1,4 @@
-"""A fit written down in YAML, as recipes name its parts."""
+"""A fit as YAML, in the form of recipes."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from kfit.selectors import LowestEnergy
 
 
 def recipe_text(pipeline: nn.Module) -> str:
-    """YAML of a `kfit.FitPipeline` but its generator, where it differs from the defaults; see its ``to_yaml``.
+    """Return the YAML of a `kfit.FitPipeline` without its generator, limited to settings that are not defaults.
 
-    An `EncoderPosterior` of a code, as it is by default, is left out: where no initializer sets the code, whoever reads
-    a recipe for a model takes its encoder's.
+    An `EncoderPosterior` of a code with default settings is omitted: if no initializer sets the code, readers of a
+    recipe use the encoder of the model.
     """
     import yaml  # type: ignore[import-untyped]
 
@@ -42,19 +42,19 @@ def _of_model(initializer: Initializer) -> bool:
 
 
 def recipe_of(name: str, value: Any) -> Any:
-    """A part as ``{class_path, init_args}``, in which parts stand for themselves again; what is plain as it is.
+    """Convert a part to ``{class_path, init_args}``, recursively; plain values are returned unchanged.
 
     Args:
-        name: of the argument, for the errors.
-        value: a part, or what parts are built from.
+        name: of the argument, for errors.
+        value: a part, or an argument of a part.
 
     Raises:
-        ValueError: for what text cannot hold, such as a network, and for classes that no import path finds.
+        ValueError: if text cannot hold the value, such as a network, or a class cannot be imported.
     """
     if isinstance(value, Part):
         kind = type(value)
         if kind.__module__ == "__main__" or "<locals>" in kind.__qualname__:
-            raise ValueError(f"{name}: {kind.__qualname__} can be imported from nowhere: move it to a file of its own")
+            raise ValueError(f"{name}: {kind.__qualname__} cannot be imported: move it to its own file")
         settings = {key: recipe_of(f"{name}.{key}", item) for key, item in value.settings.items()}
         path = f"{_home(kind)}.{kind.__qualname__}"
         return {"class_path": path, "init_args": settings} if settings else {"class_path": path}
@@ -68,7 +68,7 @@ def recipe_of(name: str, value: Any) -> Any:
 
 
 def _home(kind: type) -> str:
-    """The package that offers the class, as ``kfit.energies``, else its module."""
+    """Return the package that exports the class, such as ``kfit.energies``, else its module."""
     package = kind.__module__.rpartition(".")[0]
     offered = package and getattr(import_module(package), kind.__name__, None) is kind
     return package if offered else kind.__module__

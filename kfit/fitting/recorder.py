@@ -1,4 +1,4 @@
-"""Keeps what each start did at each step, takes broken rows out, and tells what was found."""
+"""Records the history of a fit, drops broken rows, and collects the result."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from kfit.fitting.check_parts import check_winner
 
 
 class Recorder:
-    """Collects a fit's history; used by the pipeline alone.
+    """Collect a fit's history; used by the pipeline only.
 
     Args:
         num_problems: B.
         num_starts: S.
-        value_stride: values are recorded at every so many steps; at none if 0.
+        value_stride: values are recorded at every so many steps; never if 0.
     """
 
     def __init__(self, num_problems: int, num_starts: int, value_stride: int = 1) -> None:
@@ -27,13 +27,13 @@ class Recorder:
         self._steps: list[tuple[Tensor, Tensor, dict[str, Tensor], dict[str, Tensor]]] = []
 
     def record(self, state: FitState) -> None:
-        """Note energies, terms and values of the rows that are there."""
+        """Record energies, terms and values of the current rows."""
         kept = self.value_stride > 0 and len(self._steps) % self.value_stride == 0
         values = state.values if kept else {}
         self._steps.append((state.problem * self.num_starts + state.start, state.energy, state.terms, values))
 
     def drop(self, state: FitState) -> FitState:
-        """The state without the rows whose energy is NaN or infinite; they are noted in `dropped`."""
+        """Return the state without rows whose energy is NaN or infinite, and record them in `dropped`."""
         fine = torch.isfinite(state.energy)
         if bool(fine.all()):
             return state
@@ -42,10 +42,10 @@ class Recorder:
         return state.keep(fine)
 
     def result(self, state: FitState, selector: Selector, num_evaluations: int) -> FitResult:
-        """What was found: the winners of the rows that are left and of those at rest, and the history.
+        """Select the winners among moving and frozen rows, and return them with the history.
 
         Raises:
-            FitError: if there are none.
+            FitError: if no rows are left.
         """
         parts = [state, *state.frozen_rows]
         problem, start = (torch.cat([getattr(part, name) for part in parts]) for name in ("problem", "start"))
@@ -78,7 +78,7 @@ class Recorder:
         )
 
     def history(self) -> History:
-        """Everything noted, as tensors (T, B, S, …) with NaN where a row was gone."""
+        """Return the recorded values as tensors (T, B, S, …), with NaN where a row was removed."""
         names = sorted({name for step in self._steps for name in step[2]})
         valued = [step for step in self._steps if step[3]]
         shown = valued[0][3] if valued else {}

@@ -10,13 +10,18 @@ from kfit.core.check import check_list, check_range
 
 
 class Linear(Schedule):
-    """A weight that goes evenly from one number to another.
+    """A weight that changes linearly from one number to another.
 
     w = start + (end − start) · t, where t runs from 0 at the first step to 1 at the last.
 
     Args:
         start: weight at the first step.
         end: weight at the last step.
+
+    Example:
+        >>> from kfit.fitting import Linear
+        >>> [Linear(1.0, 0.0)(step, 50) for step in (0, 25, 50)]
+        [1.0, 0.5, 0.0]
     """
 
     def __init__(self, start: float, end: float) -> None:
@@ -29,7 +34,7 @@ class Linear(Schedule):
 
 
 class Cosine(Schedule):
-    """A weight that leaves one number slowly and comes slowly to another.
+    """A weight that changes from one number to another along half a cosine wave.
 
     w = end + (start − end) · (1 + cos πt) / 2, where t runs from 0 at the first step to 1 at the last.
 
@@ -38,6 +43,11 @@ class Cosine(Schedule):
     Args:
         start: weight at the first step.
         end: weight at the last step.
+
+    Example:
+        >>> from kfit.fitting import Cosine
+        >>> [round(Cosine(1.0, 0.0)(step, 50), 2) for step in (0, 10, 25, 40, 50)]
+        [1.0, 0.9, 0.5, 0.1, 0.0]
     """
 
     def __init__(self, start: float, end: float) -> None:
@@ -50,16 +60,19 @@ class Cosine(Schedule):
 
 
 class Step(Schedule):
-    """A weight that jumps: first the first of its numbers, then the next from each share of the steps on.
-
-    ``Step([1, 0.1], at=[0.5])`` is 1 in the first half of a fit and 0.1 in the second.
+    """A piecewise constant weight.
 
     Args:
         weights: one number more than jumps.
-        at: shares of the steps, from 0 to 1 and rising, at which it jumps.
+        at: fractions of the steps, from 0 to 1 and increasing, at which the next number begins.
 
     Raises:
-        ValueError: if their numbers do not go together, or the shares do not rise from 0 to 1.
+        ValueError: if the numbers of weights and jumps do not match, or ``at`` does not increase from 0 to 1.
+
+    Example:
+        >>> from kfit.fitting import Step
+        >>> [Step([1, 0.1], at=[0.5])(step, 50) for step in (0, 24, 25, 50)]
+        [1, 1, 0.1, 0.1]
     """
 
     def __init__(self, weights: Sequence[float], at: Sequence[float]) -> None:
@@ -75,5 +88,5 @@ class Step(Schedule):
 
 
 def _passed(step: int, num_steps: int) -> float:
-    """Share of the steps that lie behind; a fit of no steps is at its end."""
+    """Return the fraction of the steps that are done; 1 for a fit without steps."""
     return step / num_steps if num_steps else 1.0

@@ -1,4 +1,4 @@
-"""What a pipeline's initializers propose, each from random numbers of its own."""
+"""Initial values from a pipeline's initializers, each with its own random numbers."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ def initialize(
     count: int,
     seed: int,
 ) -> Variables:
-    """Raw numbers (B · count, \\*shape) of each variable.
+    """Return raw numbers (B · count, \\*shape) of each variable.
 
     Args:
-        initializers: between them they set each variable once.
+        initializers: together they set each variable once.
         variables: of the generator.
         observation: B problems.
         count: starts a problem.
-        seed: with the problems' keys it decides the random numbers.
+        seed: with the problems' keys it determines the random numbers.
 
     Raises:
-        ValueError: if an initializer sets others than it says, or in another shape.
+        ValueError: if an initializer sets other variables than its ``on``, or another shape.
     """
     rows = observation.num_problems * count
     raw = {}
@@ -52,7 +52,7 @@ def initialize(
 
 
 def likeliest(evaluate: Evaluate, raw: Variables, num_candidates: int, num_starts: int) -> Variables:
-    """The candidates (B · num_starts, \\*shape) of the least ranking energy, in the order of their proposal.
+    """Return the candidates (B · num_starts, \\*shape) of least ranking energy, in their original order.
 
     Args:
         evaluate: draws them once.
@@ -63,7 +63,7 @@ def likeliest(evaluate: Evaluate, raw: Variables, num_candidates: int, num_start
         return raw
     first = next(iter(raw.values()))
     problem = torch.arange(len(first), device=first.device) // num_candidates
-    # Values that are no numbers may still draw a picture.
+    # NaN may still draw a picture.
     ranking = evaluate(raw, problem).ranking
     order, place = best_first(ranking.where(finite(raw), torch.inf), problem)
     kept = order[place < num_starts].sort().values

@@ -1,4 +1,4 @@
-"""What draws, and the networks beside it."""
+"""Generators, and the networks that belong to them: encoders and heads."""
 
 from kfit.generators.encoder import ConvEncoder
 from kfit.generators.extents import ExtentsHead

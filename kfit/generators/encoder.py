@@ -1,4 +1,4 @@
-"""The encoder beside a generator: from a picture to a Gaussian over codes."""
+"""A convolutional encoder: from a picture to a Gaussian over codes."""
 
 from __future__ import annotations
 
@@ -11,28 +11,35 @@ from torch.nn import functional as F
 from kfit.core import Encoder
 from kfit.core.check import check_choice, check_count, check_list
 
-# Tints differ by about a tenth between objects; this brings them near the size of the other features.
+# Tints of objects differ by about 0.1; this scales them to the size of the other features.
 TINT_GAIN = 10.0
-# Codes begin all but certain (σ = 0.14), so that noise does not hide what differs little between objects.
+# Codes start with a small variance (σ = 0.14), so that noise does not hide small differences between objects.
 FIRST_LOG_VARIANCE = -4.0
 
 
 class ConvEncoder(Encoder):
-    """Says which codes could have drawn a picture, by convolutions.
+    """Predict the code of a picture by convolutions.
 
-    Stride-2 convolutions, then two linear layers, the first of which sees beside their features the picture's tint
-    (RGB less its mean over the channels) averaged over a coarse grid: with normalised convolutions alone, training
-    learnt brightness and shape but no hue. The released encoder is that of ``channels=(64, 128, 256, 512), tint_grid=0,
-    instance_norm=True, bounded=True``.
+    Stride-2 convolutions, then two linear layers. The first one also takes the picture's tint (RGB minus its mean over
+    the channels), averaged over a coarse grid: with normalised convolutions alone, training learnt brightness and shape
+    but no hue. The released encoder is ``channels=(64, 128, 256, 512), tint_grid=0, instance_norm=True, bounded=True``.
 
     Args:
         code_dim: D.
         channels: of each convolution.
-        hidden_dim: between the linear layers.
-        image_size: side of the pictures it takes.
-        tint_grid: cells along each side over which the tint is averaged; 0 leaves it out.
-        instance_norm: normalise the features of all convolutions but the first, as the released encoder does.
-        bounded: mean and log-variance through a tanh, as in the released code.
+        hidden_dim: units between the linear layers.
+        image_size: side of the input pictures.
+        tint_grid: cells along each side over which the tint is averaged; 0 omits it.
+        instance_norm: whether the features of all convolutions but the first are normalised, as in the released
+            encoder.
+        bounded: whether mean and log-variance pass a tanh, as in the released code.
+
+    Example:
+        >>> import torch
+        >>> from kfit.generators import ConvEncoder
+        >>> mean, log_variance = ConvEncoder(code_dim=8)(torch.rand(2, 3, 64, 64))
+        >>> mean.shape, log_variance.shape
+        (torch.Size([2, 8]), torch.Size([2, 8]))
     """
 
     def __init__(
@@ -66,7 +73,7 @@ class ConvEncoder(Encoder):
         self.say = nn.Sequential(nn.Linear(seen, hidden_dim), nn.LeakyReLU(0.2), last)
 
     def forward(self, image: Tensor) -> tuple[Tensor, Tensor]:
-        """Mean and log-variance (N, D) of the code, from RGB (N, 3, S, S) in [0, 1] on white."""
+        """Return mean and log-variance (N, D) of the code, from RGB (N, 3, S, S) in [0, 1] on white."""
         features = self.look(2 * image - 1).flatten(1)
         if self.tint_grid:
             tint = F.adaptive_avg_pool2d(image - image.mean(1, keepdim=True), self.tint_grid)

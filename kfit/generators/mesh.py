@@ -1,4 +1,4 @@
-"""A known mesh, drawn so that a pose can be descended on."""
+"""A soft renderer of a known mesh, differentiable with respect to the pose."""
 
 from __future__ import annotations
 
@@ -15,22 +15,23 @@ from kfit.geometry import UNIT_FRACTION, focal_by_distance, rotation_from_angles
 
 
 class MeshRenderer(Generator):
-    """Draws RGB, mask and depth of a known textured mesh, softly: for fitting the pose of an object with a CAD model.
+    """Draw RGB, mask and depth of a known textured mesh, softly, to fit the pose of an object with a CAD model.
 
-    P points even over the surface are splat by the quadratic B-spline k (3 × 3 pixels, its sum 1). n = Σ_i a_i k_i
-    counts the layers of surface, a_i being the area in pixels that point i's share of the surface covers as seen from
-    the camera; mask = 1 − exp(−ln 2 · n³), which is 1/2 at the edge of a closed surface; colour and depth are means
-    weighed by a_i k_i exp(−depth_i / 0.0125), so that the nearest surface wins, softly. (Splats as in Yifan et al.
-    2019, "Differentiable surface splatting"; soft order in depth as in Liu et al. 2019, "Soft rasterizer".)
+    P points, evenly distributed over the surface, are splat with the quadratic B-spline k (3 × 3 pixels, its sum 1).
+    n = Σ_i a_i k_i counts the layers of surface, where a_i is the area in pixels that point i's part of the surface
+    covers as seen from the camera; mask = 1 − exp(−ln 2 · n³), which is 1/2 at the edge of a closed surface; colour and
+    depth are means weighted by a_i k_i exp(−depth_i / 0.0125), so that the nearest surface dominates, softly. (Splats
+    as in Yifan et al. 2019, "Differentiable surface splatting"; soft order in depth as in Liu et al. 2019, "Soft
+    rasterizer".)
 
-    Gradients are those of the picture as it is drawn, occlusion included, and continuous. They reach a pixel only from
-    points within 1.5 pixels: where drawing and target do not overlap nothing pulls, so start near, or coarse to fine.
-    Against an exact rasterizer at 64 × 64, outlines are 2 pixels wide instead of 1, a near surface spreads a pixel over
-    what it hides, and a surface of one layer only, such as a sheet, draws half a mask. The texture is drawn as it is,
-    without light or shadow. Mesh, texture and camera get no gradients.
+    Gradients are exact and continuous, occlusion included. They reach a pixel only from points within 1.5 pixels: if
+    drawing and target do not overlap there is no gradient, so start near, or coarse to fine. Compared with an exact
+    rasterizer at 64 × 64, outlines are 2 pixels wide instead of 1, a near surface covers one pixel more of what it
+    hides, and a surface of a single layer, such as a sheet, draws a mask of 1/2. The texture is drawn without shading.
+    Mesh, texture and camera get no gradients.
 
     Variables: ``azimuth``, ``elevation`` and ``roll`` (radians), ``shift`` (2,) in half-widths (x right, y up) and
-    ``scale`` (above 0), as those of `SimilarityWarp` around a generator of azimuth and elevation: shift and scale act
+    ``scale`` (above 0), like those of a `SimilarityWarp` of a generator with azimuth and elevation: shift and scale act
     on the finished projection.
 
     Args:
@@ -38,13 +39,23 @@ class MeshRenderer(Generator):
         faces: (F, 3) vertex numbers.
         uv: (V, 2) column and row in the texture, from its upper left corner, in [0, 1].
         texture: (Ht, Wt, 3) RGB, uint8 or floating point in [0, 1].
-        num_points: P; some 4 for each pixel that the object covers leave few holes.
+        num_points: P; about 4 for each pixel that the object covers leave few holes.
         image_size: side S of the picture.
         distance: of the camera from the object's centre, in diagonals.
-        unit_fraction: share of the picture's width that the bounding sphere's silhouette spans at scale 1.
+        unit_fraction: fraction of the picture's width that the bounding sphere's silhouette spans at scale 1.
 
     Raises:
-        ValueError: for arrays of other shapes, a surface without area, and a camera within the object.
+        ValueError: if an array has another shape, the surface has no area, or the camera is within the object.
+
+    Example:
+        >>> import torch
+        >>> from kfit.generators import MeshRenderer
+        >>> corners = torch.tensor([[-0.3, -0.3, 0.0], [0.3, -0.3, 0.0], [0.0, 0.4, 0.0]])
+        >>> mesh = MeshRenderer(corners, [[0, 1, 2]], torch.zeros(3, 2), torch.zeros(1, 1, 3), num_points=2048)
+        >>> angle = torch.zeros(1)
+        >>> drawn = mesh(azimuth=angle, elevation=angle, roll=angle, shift=torch.zeros(1, 2), scale=torch.ones(1))
+        >>> drawn.image.shape, drawn.mask[0, 0, 32, 32].round(decimals=1)  # one layer
+        (torch.Size([1, 3, 64, 64]), tensor(0.4000))
     """
 
     def __init__(

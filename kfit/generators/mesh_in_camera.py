@@ -1,4 +1,4 @@
-"""A known mesh before one or several real cameras."""
+"""A soft renderer of a known mesh through one or several calibrated cameras."""
 
 from __future__ import annotations
 
@@ -15,29 +15,39 @@ from kfit.generators.splat import DEPTH_SOFTNESS, SurfacePoints
 
 
 class MeshInCamera(Generator):
-    """Draws RGB, mask and depth of a known textured mesh through pinhole cameras, softly, as `MeshRenderer` does.
+    """Draw RGB, mask and depth of a known textured mesh through pinhole cameras, softly, as `MeshRenderer` does.
 
-    A point p of the mesh lies at R p + t in the reference camera (OpenCV: x right, y down, z forward), and falls on the
-    pixel K (R p + t) / z. Where an observation has several views, view v sees it at R_v (R p + t) + t_v, with
-    ``trans_cam_ref`` = [R_v | t_v], and the V pictures of a row are drawn one after another. Points nearer to the
-    camera's plane than a hundredth of the object's box diagonal are not drawn.
+    A point p of the mesh lies at R p + t in the reference camera (OpenCV: x right, y down, z forward), and projects to
+    the pixel K (R p + t) / z. If an observation has several views, view v sees it at R_v (R p + t) + t_v, with
+    ``trans_cam_ref`` = [R_v | t_v], and the V pictures of a row are drawn consecutively. Points nearer to the camera's
+    plane than 0.01 of the object's box diagonal are not drawn.
 
     Variables: ``rotation`` R, (3, 3) in SO(3), and ``translation`` t, (3,), in the unit of the vertices.
     Depth is along the camera's axis, in that unit too, as a depth camera measures it.
 
     Args:
-        vertices: (V, 3), in metres where poses are wanted in metres.
+        vertices: (V, 3), in metres for poses in metres.
         faces: (F, 3) vertex numbers.
         uv: (V, 2) column and row in the texture, from its upper left corner, in [0, 1].
         texture: (Ht, Wt, 3) RGB, uint8 or floating point in [0, 1].
         image_size: (H, W).
-        intrinsics: (3, 3), pixels with centres at integers; an observation that has intrinsics of its own is drawn by
-            those.
-        num_points: P; some 4 for each pixel that the object covers leave few holes.
+        intrinsics: (3, 3), pixels with centres at integers; an observation's own intrinsics take precedence.
+        num_points: P; about 4 for each pixel that the object covers leave few holes.
 
     Raises:
-        ValueError: for arrays of other shapes, a surface without area, and in a fit if neither the generator nor the
-            observation has intrinsics, or several views have no ``trans_cam_ref``.
+        ValueError: if an array has another shape, the surface has no area and, in a fit, if neither the generator nor
+            the observation has intrinsics, or several views have no ``trans_cam_ref``.
+
+    Example:
+        >>> import torch
+        >>> from kfit.generators import MeshInCamera
+        >>> from kfit.geometry import intrinsics_from_fov
+        >>> corners = torch.tensor([[-0.1, 0.1, 0.0], [0.1, 0.1, 0.0], [0.0, -0.1, 0.0]])
+        >>> camera, black = intrinsics_from_fov(64, 48), torch.zeros(1, 1, 3)
+        >>> mesh = MeshInCamera(corners, [[0, 1, 2]], torch.zeros(3, 2), black, (48, 64), camera, num_points=2048)
+        >>> drawn = mesh(rotation=torch.eye(3)[None], translation=torch.tensor([[0.0, 0.0, 0.5]]))
+        >>> drawn.image.shape, drawn.depth[0, 0, 24, 32].round(decimals=2)
+        (torch.Size([1, 3, 48, 64]), tensor(0.5000))
     """
 
     camera: Tensor | None
@@ -80,7 +90,7 @@ class MeshInCamera(Generator):
         return context
 
     def forward(self, **values: Tensor) -> Rendering:
-        """Draw N rows, or, with (N, V, …) ``intrinsics`` and ``trans_cam_ref``, the N · V pictures of V views."""
+        """Draw N rows or, with (N, V, …) ``intrinsics`` and ``trans_cam_ref``, the N · V pictures of V views."""
         rotation, translation = values["rotation"], values["translation"]
         with torch.autocast(rotation.device.type, enabled=False):
             if "trans_cam_ref" in values:
@@ -99,12 +109,12 @@ class MeshInCamera(Generator):
         placed = self.surface.points @ rotation.mT + translation[:, None]
         facing = ((self.surface.normals @ rotation.mT) * F.normalize(placed, dim=-1)).sum(-1).abs()
         depth = placed[..., 2]
-        # Behind the object's centre, or its softness would be that of numbers too large for it.
+        # Relative to the object's centre, because exponentials of absolute depths would overflow.
         middle = (rotation[:, 2] @ self.centre + translation[:, 2])[:, None]
         before = depth > 0.01 * self.diagonal
         z = depth.where(before, 1.0)
         column, row, _ = (placed @ cameras.mT).unbind(-1)
-        # A surface that is seen at an angle θ off the axis is farther than z, and spread by the plane of the picture.
+        # At an angle θ off the axis a surface is farther than z, and stretched by the projection to the picture plane.
         oblique = placed.norm(dim=-1) / z
         focal = (cameras[:, 0, 0] * cameras[:, 1, 1])[:, None]
         area = facing * self.surface.share * focal * oblique / z.square()
@@ -116,5 +126,5 @@ class MeshInCamera(Generator):
             self.image_size,
             DEPTH_SOFTNESS * self.diagonal,
         )
-        assert drawn.depth is not None  # splats have one
+        assert drawn.depth is not None  # splat always draws depth
         return Rendering(drawn.image, drawn.mask, drawn.depth + middle.view(-1, 1, 1, 1))

@@ -1,4 +1,4 @@
-"""A generator's relative depth put at a distance, in metres."""
+"""A generator's relative depth, converted to metres."""
 
 from __future__ import annotations
 
@@ -13,23 +13,28 @@ from kfit.geometry.camera import distance_by_focal
 
 
 class MetricDepth(Generator):
-    """Draws depth as a depth camera measures it: tz is added to the generator's depth (Chen et al. 2020,
-    section 4.1, "Results: Translation").
+    """Draw depth in metres, as a depth camera measures it (Chen et al. 2020, section 4.1, "Results: Translation").
 
-    depth = t · (1 + d / d₀), with d the depth behind the object's centre in box diagonals that the generator draws, and
-    d₀ the distance of the camera in box diagonals, which `kfit.geometry.distance_by_focal` gives for focal / scale: at
-    t metres the diagonal is D = t / d₀ metres, and depth = t + D · d.
+    depth = t · (1 + d / d₀), with d the generator's depth behind the object's centre in box diagonals, and d₀ the
+    distance of the camera in box diagonals, which `kfit.geometry.distance_by_focal` gives for focal / scale: at t
+    metres the diagonal is D = t / d₀ metres, and depth = t + D · d.
 
     Adds the variable ``distance`` t (metres, above 0) and, to a generator without it, ``focal``, the focal length over
     the picture's width (above 0).
 
     Args:
         generator: draws depth, and has a ``scale``, as `kfit.generators.SimilarityWarp`.
-        unit_fraction: share of the picture's width that the bounding sphere's silhouette spans at scale 1.
+        unit_fraction: fraction of the picture's width that the bounding sphere's silhouette spans at scale 1.
 
     Raises:
-        ValueError: if the generator has no ``scale`` or has a ``distance`` already, and for a fraction outside
-            [0.1, 10]; when drawing, if it draws no depth.
+        ValueError: if the generator has no ``scale`` or has a ``distance`` already, if ``unit_fraction`` is outside
+            [0.1, 10] and, when drawing, if the generator draws no depth.
+
+    Example:
+        >>> from kfit.generators import VAE2D, MetricDepth, SimilarityWarp
+        >>> generator = MetricDepth(SimilarityWarp(VAE2D(depth=True)), unit_fraction=1.0)
+        >>> sorted(generator.variables)
+        ['azimuth', 'code', 'distance', 'elevation', 'focal', 'roll', 'scale', 'shift']
     """
 
     def __init__(self, generator: Generator, unit_fraction: float) -> None:

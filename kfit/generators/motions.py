@@ -1,4 +1,4 @@
-"""Motions of a picture in its plane: their variables, and where each pixel of a drawing reads the picture."""
+"""Motions of a picture in its plane: variables, matrices, and sampling positions."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from kfit.core import Angle, Positive, Variable, Variables
 
 Motion = Literal["translation", "euclidean", "similarity", "affine", "homography", "tps", "flow"]
 _ROLL, _SHIFT, _SCALE = {"roll": Variable((), Angle())}, {"shift": Variable((2,))}, {"scale": Variable((), Positive())}
-# Those that are matrices.
+# Motions that are matrices.
 LINEAR: dict[str, dict[str, Variable]] = {
     "translation": _SHIFT,
     "euclidean": _ROLL | _SHIFT,
@@ -23,18 +23,18 @@ LINEAR: dict[str, dict[str, Variable]] = {
     "affine": _ROLL | _SHIFT | _SCALE | {"stretch": Variable((), Positive()), "shear": Variable()},
     "homography": {"corners": Variable((4, 2))},
 }
-# Those that bend: displacements of control points.
+# Non-rigid motions: displacements of control points.
 BENDING = ("tps", "flow")
 MOTIONS = (*LINEAR, *BENDING)
 
 
 def motion_variables(motion: str, control: tuple[int, int]) -> dict[str, Variable]:
-    """Variables of a motion, whose control points, where it has such, are (rows, columns)."""
+    """Return the variables of a motion, with control points (rows, columns) if it has any."""
     return dict(LINEAR[motion]) if motion in LINEAR else {"displacement": Variable((2, *control))}
 
 
 def matrix_of(motion: str, values: Mapping[str, Tensor], size: tuple[int, int]) -> Tensor:
-    """Where pixels go: (N, 3, 3), from the template's pixels to the drawing's, both of ``size`` (H, W)."""
+    """Return matrices (N, 3, 3) from the template's pixels to the drawing's, both of ``size`` (H, W)."""
     like = next(iter(values.values()))
     half, middle, flip = _frame(like, size)
     if motion == "homography":
@@ -49,9 +49,9 @@ def matrix_of(motion: str, values: Mapping[str, Tensor], size: tuple[int, int]) 
 
 
 def values_of(motion: str, matrix: Tensor, size: tuple[int, int]) -> Variables:
-    """The values with which a motion does to the corners what a matrix (N, 3, 3) does, or what comes closest.
+    """Return the values of a motion that moves the corners as a matrix (N, 3, 3) does, or as closely as possible.
 
-    Least squares over the corners for motions of fewer unknowns than the matrix, in closed form.
+    For motions of fewer unknowns than the matrix it is the least-squares solution over the corners, in closed form.
     """
     half, middle, flip = _frame(matrix, size)
     corners = outer_corners(matrix, size).expand(len(matrix), 4, 2)
@@ -64,7 +64,7 @@ def values_of(motion: str, matrix: Tensor, size: tuple[int, int]) -> Variables:
     if motion == "translation":
         return {"shift": shift / half}
     product = (end - shift[:, None]).mT @ start  # Σ end · startᵀ, (N, 2, 2)
-    # Of all aA + b, affine: the corners are symmetric, so their second moments are diagonal.
+    # The affine solution: the corners are symmetric, so their second moments are diagonal.
     linear = product / start.square().sum(1)[:, None]
     found = {"shift": shift / half}
     if motion == "affine":
@@ -82,25 +82,25 @@ def values_of(motion: str, matrix: Tensor, size: tuple[int, int]) -> Variables:
 
 
 def outer_corners(like: Tensor, size: tuple[int, int]) -> Tensor:
-    """The outer corners of the picture in pixels, (4, 2), clockwise from the top left."""
+    """Return the outer corners of the picture in pixels, (4, 2), clockwise from the top left."""
     bottom, right = size[0] - 0.5, size[1] - 0.5
     return like.new_tensor([[-0.5, -0.5], [right, -0.5], [right, bottom], [-0.5, bottom]])
 
 
 def pixel_grid(like: Tensor, size: tuple[int, ...]) -> Tensor:
-    """Coordinates (x, y) of all pixels, (H, W, 2), or (x, y, z) of all voxels, (D, H, W, 3)."""
+    """Return the coordinates (x, y) of all pixels, (H, W, 2), or (x, y, z) of all voxels, (D, H, W, 3)."""
     sides = [torch.arange(side, dtype=like.dtype, device=like.device) for side in size]
     return torch.stack(torch.meshgrid(*sides, indexing="ij")[::-1], -1)
 
 
 def read_through_matrix(matrix: Tensor, size: tuple[int, int]) -> Tensor:
-    """Where the pixels of a drawing read the template that a matrix (N, 3, 3) moves: (N, H, W, 2) in pixels."""
-    # The adjugate is the inverse but for a factor, which a projective map does not have, and never fails.
+    """Return positions (N, H, W, 2), in template pixels, that a drawing samples if a matrix (N, 3, 3) moves it."""
+    # The adjugate is the inverse up to a factor, which does not matter in a projective map, and always exists.
     a, b, c = matrix.unbind(1)
     inverse = torch.stack([torch.linalg.cross(b, c), torch.linalg.cross(c, a), torch.linalg.cross(a, b)], -1)
     points = pixel_grid(matrix, size).view(1, -1, 2)
     x, y, z = (points @ inverse[:, :, :2].mT + inverse[:, None, :, 2]).unbind(-1)
-    # What lies on the horizon or behind is outside.
+    # Points on the horizon or behind it are outside.
     front = z * torch.linalg.det(matrix)[:, None].sign() > 1e-8
     safe = z.where(front, 1.0)
     read = torch.stack([x / safe, y / safe], -1).where(front[..., None], -1e6)
@@ -108,7 +108,7 @@ def read_through_matrix(matrix: Tensor, size: tuple[int, int]) -> Tensor:
 
 
 def spline_basis(control: tuple[int, int], size: tuple[int, int]) -> Tensor:
-    """Thin-plate spline at all pixels (H · W, K) of displacements at K control points, which span the picture."""
+    """Return the thin-plate spline (H · W, K) at all pixels for displacements of K control points."""
     from scipy.interpolate import RBFInterpolator  # type: ignore[import-untyped]
 
     unit = torch.ones((), dtype=torch.float64)
@@ -119,15 +119,15 @@ def spline_basis(control: tuple[int, int], size: tuple[int, int]) -> Tensor:
 
 
 def bent(displacement: Tensor, size: tuple[int, int], basis: Tensor | None) -> Tensor:
-    """Displacements (N, 2, rows, columns) of control points, in half-widths and half-heights, in pixels at all pixels.
+    """Interpolate displacements (N, 2, rows, columns) of control points at all pixels.
 
     Args:
-        displacement: x to the right, y downwards.
+        displacement: in half-widths and half-heights, x to the right, y downwards.
         size: (H, W).
-        basis: of `spline_basis`; bicubic between the control points unless given.
+        basis: of `spline_basis`; None interpolates bicubically between the control points.
 
     Returns:
-        (N, H, W, 2).
+        (N, H, W, 2) in pixels.
     """
     half = displacement.new_tensor([size[1] / 2, size[0] / 2])
     if basis is not None:
@@ -140,14 +140,14 @@ def bent(displacement: Tensor, size: tuple[int, int], basis: Tensor | None) -> T
 
 
 def _frame(like: Tensor, size: tuple[int, int]) -> tuple[Tensor, Tensor, Tensor]:
-    """Half of the picture's sides, its middle, and the sign of y: in pixels y points down."""
+    """Return half of the sides, the centre, and the sign of y, which points down in pixels."""
     height, width = size
     half, middle = like.new_tensor([width / 2, height / 2]), like.new_tensor([(width - 1) / 2, (height - 1) / 2])
     return half, middle, like.new_tensor([1.0, -1.0])
 
 
 def _linear(values: Mapping[str, Tensor]) -> Tensor:
-    """(N, 2, 2), y up."""
+    """Return linear maps (N, 2, 2), y up."""
     shift = values["shift"]
     roll, scale = values.get("roll", torch.zeros_like(shift[:, 0])), values.get("scale", torch.ones_like(shift[:, 0]))
     cos, sin = scale * roll.cos(), scale * roll.sin()

@@ -1,4 +1,4 @@
-"""Any generator's object before several cameras at once."""
+"""A generator's object seen by several calibrated cameras at once."""
 
 from __future__ import annotations
 
@@ -20,30 +20,37 @@ from kfit.geometry import (
     with_focal,
 )
 
-# An object nearer to a camera than this many diagonals is drawn as if it stood there.
+# Objects nearer to a camera than this many diagonals are drawn at this distance.
 NEAREST = 0.6
 PLACING = ("azimuth", "elevation", "roll", "shift", "scale")
 
 
 class MultiView(Generator):
-    """Draws a generator's object as V cameras see it that stand at known poses to one another.
+    """Draw a generator's object as seen by V cameras with known relative poses.
 
-    Azimuth, elevation, roll, shift and scale are those of the reference view, the first. By the views' intrinsics and
-    the object's ``diagonal`` D they give its pose there, R and t in metres, as `kfit.geometry.pose_from_crop` says;
-    view v sees it at R_v R and R_v t + t_v, with ``trans_cam_ref`` = [R_v | t_v], and that pose gives the angles, shift
-    and scale by which the generator draws view v. So the baseline of the cameras fixes the object's distance and size.
-    A generator's ``focal``, the focal length over the picture's width, is that of the reference view too; the others'
-    focal lengths are to it as their intrinsics say.
+    Azimuth, elevation, roll, shift and scale are those of the reference view, the first one. With the views' intrinsics
+    and the object's ``diagonal`` D they determine its pose there, R and t in metres, by `kfit.geometry.pose_from_crop`.
+    View v sees it at R_v R and R_v t + t_v, with ``trans_cam_ref`` = [R_v | t_v], and that pose determines the angles,
+    shift and scale with which the generator draws view v. The baseline of the cameras thus determines the object's
+    distance and size. A generator's ``focal``, the focal length over the picture's width, is that of the reference view
+    too; the ratios of the others to it follow from the intrinsics.
 
     Adds the variable ``diagonal`` (metres, above 0).
 
     Args:
         generator: with these five variables, as `kfit.generators.SimilarityWarp` around a category's generator.
         image_size: side S of its pictures.
-        unit_fraction: share of the picture's width that the bounding sphere's silhouette spans at scale 1.
+        unit_fraction: fraction of the picture's width that the bounding sphere's silhouette spans at scale 1.
 
     Raises:
-        ValueError: if the generator lacks one of the variables, and in a fit without intrinsics or ``trans_cam_ref``.
+        ValueError: if the generator lacks one of the variables and, in a fit, if the observation has no intrinsics or
+            no ``trans_cam_ref``.
+
+    Example:
+        >>> from kfit.generators import VAE2D, MultiView, SimilarityWarp
+        >>> generator = MultiView(SimilarityWarp(VAE2D()), image_size=64, unit_fraction=1.0)
+        >>> sorted(generator.variables)
+        ['azimuth', 'code', 'diagonal', 'elevation', 'roll', 'scale', 'shift']
     """
 
     def __init__(self, generator: Generator, image_size: int, unit_fraction: float) -> None:
@@ -65,7 +72,7 @@ class MultiView(Generator):
         }
 
     def forward(self, **values: Tensor) -> Rendering:
-        """Draw N · V pictures, the V of a row one after another."""
+        """Draw N · V pictures, the V of a row consecutively."""
         cameras, poses = values["intrinsics"], values["trans_cam_ref"]
         views = cameras.shape[1]
         inner = {k: v.repeat_interleave(views, 0) for k, v in values.items() if k in self.generator.variables}
@@ -84,7 +91,7 @@ class MultiView(Generator):
         return drawn
 
     def _pose(self, values: Mapping[str, Tensor], camera: Tensor) -> tuple[Tensor, Tensor]:
-        """Rotation (N, 3, 3) and translation (N, 3) in the reference camera, OpenCV axes, metres."""
+        """Return rotation (N, 3, 3) and translation (N, 3) in the reference camera, OpenCV axes, metres."""
         middle = (self.image_size - 1) / 2
         crop = Crop((middle, middle), float(self.image_size), self.image_size)
         azimuth, elevation, roll, shift, scale = (values[name] for name in PLACING)
@@ -93,8 +100,8 @@ class MultiView(Generator):
         )
 
     def _seen(self, rotation: Tensor, translation: Tensor, camera: Tensor, diagonal: Tensor) -> dict[str, Tensor]:
-        """Angles, shift and scale by which an object at a pose is drawn: the inverse of `_pose`."""
-        # An object beside or behind a camera is drawn far outside its picture.
+        """Return angles, shift and scale that draw an object at a pose: the inverse of `_pose`."""
+        # Objects at the side of a camera or behind it are drawn far outside of its picture.
         z = translation[:, 2].clamp_min(1e-3)
         point = torch.cat([translation[:, :2] / z[:, None], torch.ones_like(z)[:, None]], 1)
         pixel = (camera[:, :2] @ point[..., None])[..., 0]
@@ -112,5 +119,5 @@ class MultiView(Generator):
 
 
 def _focal(cameras: Tensor) -> Tensor:
-    """Focal lengths (…) in pixels, means of both axes, of cameras (…, 3, 3)."""
+    """Return focal lengths (…) in pixels, means of both axes, of cameras (…, 3, 3)."""
     return (cameras[..., 0, 0] + cameras[..., 1, 1]) / 2

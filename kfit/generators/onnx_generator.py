@@ -1,4 +1,4 @@
-"""A generator that lives in an ONNX file."""
+"""A generator that was exported to ONNX."""
 
 from __future__ import annotations
 
@@ -17,18 +17,24 @@ FIELDS = ("image", "mask", "depth", "weight")
 
 
 class OnnxGenerator(Generator):
-    """Draws by ONNX Runtime what `kfit export` wrote, without gradients and without the generator's own code.
+    """Draw with ONNX Runtime what `kfit export` wrote, without gradients and without the generator's code.
 
-    Its variables are those of the exported generator; the file tells them. It draws on the CPU in single precision and
-    gives back the type and device of the values. Fit it with an optimizer that needs no gradients.
+    Its variables are read from the file. It draws on the CPU in single precision, and returns type and device of its
+    inputs. Fit it with an optimizer that needs no gradients.
 
     Args:
         path: a ``generator.onnx`` of `kfit export`.
 
     Raises:
         FileNotFoundError: if there is no such file.
-        ValueError: if it is no generator that kfit exported.
-        RuntimeError: when drawing, if a gradient of a value is asked for.
+        ValueError: if it is not a generator that kfit exported.
+        RuntimeError: when drawing, if a gradient of a value is requested.
+
+    Example:
+        >>> from kfit.generators import OnnxGenerator
+        >>> OnnxGenerator("missing.onnx")
+        Traceback (most recent call last):
+        FileNotFoundError: no ONNX file at missing.onnx; `kfit export` writes generator.onnx
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -36,7 +42,7 @@ class OnnxGenerator(Generator):
         check_text("OnnxGenerator: path", path)
         if not Path(path).is_file():
             raise FileNotFoundError(f"no ONNX file at {path}; `kfit export` writes generator.onnx")
-        import onnxruntime  # type: ignore[import-untyped]  # here, for loading it takes a third of a second
+        import onnxruntime  # type: ignore[import-untyped]  # imported here, because it takes 0.3 s
 
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = torch.get_num_threads()
@@ -52,7 +58,7 @@ class OnnxGenerator(Generator):
             raise ValueError(f"{path} must draw {', '.join(FIELDS)}, image first; it draws {', '.join(self.fields)}")
 
     def __deepcopy__(self, memo: dict[int, Any]) -> OnnxGenerator:
-        return self  # nothing in it changes, and a session cannot be copied
+        return self  # it is immutable, and a session cannot be copied
 
     def forward(self, **values: Tensor) -> Rendering:
         check_names("OnnxGenerator", values, self.variables, complete=True)

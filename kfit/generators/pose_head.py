@@ -1,4 +1,4 @@
-"""From a picture to a distribution over the poses that it may show."""
+"""A pose head for upright objects."""
 
 from __future__ import annotations
 
@@ -17,24 +17,29 @@ from kfit.geometry.pose_network import PoseNetwork
 
 
 class PoseHead(PoseNetwork):
-    """Predicts how likely a picture shows its object at each azimuth and elevation, upright: log-probabilities of bins.
+    """Predict log-probabilities of bins of azimuth and elevation, of an upright object, from a picture.
 
-    The head of kfit 0.1's models, which does not predict roll; `RotationHead` covers all rotations. Four stride-2
-    convolutions, each but the first followed by a residual one, and two linear layers: 1.2 M parameters, 35 M
+    It is the head of kfit 0.1's models and does not predict roll; `RotationHead` covers all rotations. Four stride-2
+    convolutions, all but the first followed by a residual one, and two linear layers: 1.2 M parameters, 35 M
     multiply-adds a picture.
 
     Args:
-        symmetry: of the category, see `kfit.geometry.CATEGORIES`; with ``"y"`` azimuth is free and there is one bin of
-            it.
+        symmetry: of the category, see `kfit.geometry.CATEGORIES`; with ``"y"`` azimuth is free and has one bin.
         channels: of the convolutions, one at each size.
-        hidden_dim: between the linear layers.
-        bin_deg: width of a bin.
-        elevation_deg: (low, high) of the valid poses.
-        spread_deg: standard deviation of a target around the true pose.
-        image_size: side of the pictures it takes.
+        hidden_dim: units between the linear layers.
+        bin_deg: width of a bin in degrees.
+        elevation_deg: (low, high) of the valid poses in degrees.
+        spread_deg: standard deviation of a target around the true pose in degrees.
+        image_size: side of the input pictures in pixels.
 
     Raises:
-        ValueError: for a symmetry of another name, and widths or a range that hold no bin.
+        ValueError: if the symmetry is unknown, or a width or range holds no bin.
+
+    Example:
+        >>> import torch
+        >>> from kfit.generators import PoseHead
+        >>> PoseHead()(torch.rand(2, 3, 64, 64)).shape  # 36 azimuths × 9 elevations
+        torch.Size([2, 324])
     """
 
     def __init__(
@@ -71,5 +76,7 @@ class PoseHead(PoseNetwork):
 
     def forward(self, image: Tensor) -> Tensor:
         said = self.say(self.look(2 * image - 1).flatten(1))
-        said = said.to(torch.promote_types(said.dtype, torch.float32))  # autocast's halves are too coarse for a log
+        said = said.to(
+            torch.promote_types(said.dtype, torch.float32)
+        )  # half precision, under autocast, is too coarse for a logarithm
         return F.log_softmax(said, 1)

@@ -1,4 +1,4 @@
-"""Light along rays through volumes of colour and density."""
+"""Volume rendering along rays through grids of colour and density."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from kfit.core import Rendering
 # Raw density outside the volume, e^-12 after the softplus: empty.
 EMPTY = -6.0
 SHARPNESS = 2.0
-# What counts for less in its pixel is not looked at, except in training.
+# Samples of smaller weight are skipped, except in training.
 MIN_SAMPLE_WEIGHT = 1e-4
 
 
 @dataclass(frozen=True)
 class RayMarch:
-    """Rays (N, H, W) through boxes [−1, 1]³: points past + d · along at K even depths d from near on."""
+    """Rays (N, H, W) through boxes [−1, 1]³: points past + d · along at K evenly spaced depths d, starting at near."""
 
     past: Tensor
     along: Tensor
@@ -29,7 +29,7 @@ class RayMarch:
     thickness: float
 
     def whole(self, volume: Tensor) -> Rendering:
-        """The picture of all samples."""
+        """Draw with all samples."""
         depths, grid = self._points()
         raw = F.grid_sample(volume, grid, mode="bilinear", padding_mode="zeros", align_corners=False)
         share = _shares(self._optical(raw[:, 3], self.step[:, None]))
@@ -39,7 +39,7 @@ class RayMarch:
         return Rendering(image=image, mask=mask, depth=depth)
 
     def where_it_counts(self, volume: Tensor) -> Rendering:
-        """Draw the few samples whose weight is above `MIN_SAMPLE_WEIGHT`, as the density, without gradient, tells."""
+        """Draw with the few samples whose weight, by the density without gradient, is above `MIN_SAMPLE_WEIGHT`."""
         with torch.no_grad():
             density = F.grid_sample(volume[:, 3:].contiguous(), self._points()[1], align_corners=False)
             among = _shares(self._optical(density[:, 0], self.step[:, None]))
@@ -60,7 +60,7 @@ class RayMarch:
         return Rendering(image=colour + 1 - mask, mask=mask, depth=far / mask.clamp_min(1e-4))
 
     def _points(self) -> tuple[Tensor, Tensor]:
-        """Depths (N, K, H, W) and points (N, K, H, W, 3) of all samples."""
+        """Return depths (N, K, H, W) and points (N, K, H, W, 3) of all samples."""
         count = torch.arange(self.num_samples, dtype=self.near.dtype, device=self.near.device).view(-1, 1, 1) + 0.5
         depths = self.near[:, None] + count * self.step[:, None]
         return depths, self.past[:, None] + depths[..., None] * self.along[:, None]
@@ -70,17 +70,18 @@ class RayMarch:
 
 
 def _shares(thickness: Tensor) -> Tensor:
-    """What each of the samples (N, K, H, W) counts for in its pixel: by how much light is less behind it."""
-    # A sum up to each sample as a product of matrices, for `cumsum` along this axis is ten times as slow on a CPU.
+    """Return the weights (N, K, H, W) of the samples in their pixels: the decrease of transmittance at each."""
+    # The cumulative sum is a product of matrices, because `cumsum` along this axis is 10 × slower on a CPU.
     to_here = -torch.ones(2 * thickness.shape[1:2], dtype=thickness.dtype, device=thickness.device).tril()
     light = (to_here @ thickness.flatten(2)).exp().view_as(thickness)
     return torch.cat([1 - light[:, :1], light[:, :-1] - light[:, 1:]], 1)
 
 
 def _sampled(volume: Tensor, row: Tensor, point: Tensor) -> Tensor:
-    """(C, M) of the volumes (N, C, D, H, W) at M points (M, 3) in [−1, 1], each in one row's volume.
+    """Sample the volumes (N, C, D, H, W) at M points (M, 3) in [−1, 1], each in one row's volume; return (C, M).
 
-    `grid_sample` takes as many points of each row; so the rows' volumes are stacked to one, nothing between them.
+    `grid_sample` takes the same number of points for each row, so the volumes are stacked to one, with gaps between
+    them.
     """
     count, channels, deep = volume.shape[:3]
     stacked = F.pad(volume, (0, 0, 0, 0, 0, 1)).transpose(0, 1).flatten(1, 2)
@@ -88,7 +89,7 @@ def _sampled(volume: Tensor, row: Tensor, point: Tensor) -> Tensor:
     x, y, z = point.unbind(1)
     slab = row * (deep + 1) + (z + 1) * deep / 2
     grid = torch.stack([x, y, 2 * slab / whole - 1], 1)
-    # On a CPU it gives each thread entries of the batch, never parts of one.
+    # On a CPU it divides the batch between threads, never one entry.
     parts = torch.get_num_threads() if volume.device.type == "cpu" else 1
     grid = F.pad(grid, (0, 0, 0, -len(grid) % parts)).view(parts, 1, 1, -1, 3)
     found = F.grid_sample(stacked.expand(parts, -1, -1, -1, -1), grid, padding_mode="zeros", align_corners=False)

@@ -17,11 +17,11 @@ MARGIN = 1e-3
 
 
 class Refinement(nn.Module):
-    """Adds a residual r, told by the picture about a pixel and by the code, to logits of colour and mask.
+    """Add a residual r, predicted from the neighbourhood of a pixel and the code, to logits of colour and mask.
 
-    x' = σ(σ⁻¹(x) + r(image, mask, depth; code)) for x of colour and mask; depth stays. r is 3×3 convolutions with AdaIN
-    between them, and all but zero to begin with. Volumes drawn by geometry alone (`RadianceField`) leave what a 2D
-    network sees at once, such as the smooth outline of a thin handle; see also Niemeyer and Geiger (2021).
+    x' = σ(σ⁻¹(x) + r(image, mask, depth; code)) for x of colour and mask; depth is unchanged. r is 3×3 convolutions
+    with AdaIN between them, initially nearly zero. A 2D network corrects errors of volumes that are drawn by geometry
+    alone (`RadianceField`), such as the outline of a thin handle; see also Niemeyer and Geiger (2021).
 
     Args:
         code_dim: size of the code.
@@ -37,11 +37,11 @@ class Refinement(nn.Module):
         nn.init.zeros_(self.say.bias)  # type: ignore[arg-type]
 
     def style(self, code: Tensor) -> Tensor:
-        """What codes (N, D) say to all layers, (N, 2 · sum(dims))."""
+        """Return the styles (N, 2 · sum(dims)) of all layers for codes (N, D)."""
         return torch.cat([layer.style(code) for layer in self.styles], 1)  # type: ignore[operator]
 
     def forward(self, drawn: Rendering, style: Tensor) -> Rendering:
-        """Correct pictures with mask and depth (N, ·, S, S), given their `style`."""
+        """Correct pictures with mask and depth (N, ·, S, S), with the result of `style`."""
         assert drawn.mask is not None
         assert drawn.depth is not None
         before = torch.cat([drawn.image, drawn.mask], 1)

@@ -1,4 +1,4 @@
-"""From a picture to a distribution over all rotations."""
+"""A pose head for all rotations."""
 
 from __future__ import annotations
 
@@ -18,27 +18,35 @@ from kfit.geometry.pose_network import PoseNetwork
 
 
 class RotationHead(PoseNetwork):
-    """Predicts how likely a picture shows its object at each rotation: log-probabilities of bins.
+    """Predict log-probabilities of bins of rotations from a picture.
 
     By the chain rule, log p(roll, azimuth, elevation | I) = log p(roll | I) + log p(azimuth, elevation | I, roll). One
-    convolutional network has an output for each factor: rolls from the picture as it is, azimuth and elevation from
-    the picture turned back by a roll. A forward pass turns the picture back by each roll bin; the roll outputs of all
-    turned pictures are averaged (in logarithms, each shifted by its turn), so that a turn of the picture by a bin
-    shifts the distribution by a bin. Straight from above or below, where roll and azimuth cannot be told apart, the
-    targets spread over all pairs that give the same rotation, because they depend on the rotation alone.
+    convolutional network has an output for each factor: roll from the original picture, azimuth and elevation from the
+    picture rotated back by a roll. A forward pass rotates the picture back by each roll bin; the roll outputs of all
+    rotated pictures are averaged (in logarithms, each shifted by its rotation), so that a rotation of the picture by a
+    bin shifts the distribution by a bin. In views straight from above or below, where roll and azimuth are
+    indistinguishable, the targets cover all pairs of the same rotation, because they depend on the rotation alone.
 
     A stride-2 convolution for each level, all but the first followed by a residual one, then two linear layers.
 
     Args:
-        symmetry: of the category; with ``"y"`` azimuth is free and there is one bin of it.
-        channels: of the levels, each half as wide and high as the one before.
+        symmetry: of the category; with ``"y"`` azimuth is free and has one bin.
+        channels: of the levels, each of half the width and height of the previous one.
         hidden_dim: units between the linear layers.
         bin_deg: width of a bin in degrees; it must divide 180.
         sigma_deg: standard deviation of a target around the true rotation.
         image_size: side of the pictures in pixels.
 
     Raises:
-        ValueError: for a setting out of range.
+        ValueError: if an argument is out of range.
+
+    Example:
+        >>> import torch
+        >>> from kfit.generators import RotationHead
+        >>> head = RotationHead(bin_deg=30, channels=(4, 4), hidden_dim=8).eval()
+        >>> log_probability = head(torch.rand(2, 3, 64, 64))
+        >>> log_probability.shape, log_probability.exp().sum(1).detach().round(decimals=2)
+        (torch.Size([2, 864]), tensor([1., 1.]))
     """
 
     def __init__(
@@ -78,7 +86,7 @@ class RotationHead(PoseNetwork):
         back = -self._roll(torch.arange(count, device=image.device))
         turned = _turned(image.repeat_interleave(count, 0), back.repeat(rows))
         roll, view = (output.unflatten(0, (rows, count)) for output in self._outputs(turned))
-        # The picture turned back by bin k has its object at roll j − k.
+        # In the picture rotated back by bin k, the object is at roll j − k.
         bins = torch.arange(count, device=image.device)
         roll = roll.gather(2, ((bins - bins[:, None]) % count).expand(rows, -1, -1)).mean(1).log_softmax(1)
         joint: Tensor = (roll[:, :, None] + view).flatten(1)
@@ -88,8 +96,8 @@ class RotationHead(PoseNetwork):
         """Return KL(q ‖ p) (N,) in nats between targets q (``log_kernel``) and predictions p, estimated by sampling.
 
         By the chain rule it is KL(q(roll) ‖ p(roll)) + E_q(roll) KL(q(view | roll) ‖ p(view | roll)). The expectation
-        is over one roll drawn from q for each picture. The roll output learns from the picture as it is and from the
-        picture turned back, half each.
+        is over one roll drawn from q for each picture. The roll output learns from the original picture and from the
+        rotated one, half each.
 
         Args:
             image: (N, 3, S, S) in [0, 1] on white.
@@ -111,7 +119,7 @@ class RotationHead(PoseNetwork):
         return 2 * math.pi / self.num_rolls * number
 
     def _outputs(self, image: Tensor) -> tuple[Tensor, Tensor]:
-        """Log-probabilities of rolls (N, R) and of views (N, A · E)."""
+        """Return log-probabilities of rolls (N, R) and of views (N, A · E)."""
         hidden = F.leaky_relu(self.hidden(self.features(2 * image - 1).flatten(1)), 0.2)
         outputs = self.roll(hidden), self.view(hidden)
         # Half precision, under autocast, is too coarse for a logarithm.
@@ -130,7 +138,7 @@ class _Residual(nn.Module):
 
 
 def _convolution(a: int, b: int, stride: int) -> nn.Sequential:
-    # The normalisation has the offset.
+    # The normalisation has a bias.
     return nn.Sequential(nn.Conv2d(a, b, 3, stride, 1, bias=False), nn.BatchNorm2d(b), nn.LeakyReLU(0.2))
 
 

@@ -1,4 +1,4 @@
-"""Any generator's picture turned, shifted and scaled in its plane."""
+"""A generator's picture, rotated, shifted and scaled in its plane."""
 
 from __future__ import annotations
 
@@ -12,28 +12,36 @@ from kfit.core import Angle, Generator, Observation, Positive, Rendering, Variab
 from kfit.core.check import check_names
 
 OWN = ("roll", "shift", "scale")
-# What the generator inside sees changes with the scale.
+# The inner generator's focal length changes with the scale.
 PLANE = (*OWN, "focal")
 
 
 class SimilarityWarp(Generator):
-    """Adds roll, shift and scale to a generator by a similarity warp of its finished picture (Chen et al. 2020,
-    section 3.1, the warp W(T, R_z)).
+    """Add roll, shift and scale to a generator, by a similarity warp of its picture.
 
-    A point (u, v) of the generator's picture, in half-widths from the centre, x right and y up, goes to
-    scale · Rz(roll) · (u, v) + shift; outside is white, mask 0. Depth is warped premultiplied by the mask, and where
-    the generator draws a weight, what is outside its picture counts, and colours are warped premultiplied by it.
+    It is the warp W(T, R_z) of Chen et al. 2020, section 3.1. A point (u, v) of the generator's picture, in half-widths
+    from the centre, x right and y up, moves to scale · Rz(roll) · (u, v) + shift; outside is white, mask 0. Depth is
+    warped premultiplied by the mask. If the generator draws a weight, the outside of its picture has weight 1, and
+    colours are warped premultiplied by the weight.
 
     Adds the variables ``roll`` (radians, anticlockwise), ``shift`` (2,) in half-widths of the picture (x right, y up)
-    and ``scale`` (above 0; 1 leaves the size). A generator's ``focal``, the focal length over the picture's width, is
-    that of the finished picture: enlarged as it is by the scale, it is drawn with focal / scale, so that the camera
-    stands as near as a photo's does in which the object is as large.
+    and ``scale`` (above 0; 1 keeps the size). If the generator has a ``focal``, the focal length over the picture's
+    width, it is that of the finished picture. The generator draws with focal / scale, because its picture is enlarged
+    by the scale; so the camera has the same distance as that of a photo in which the object is as large.
 
     Args:
         generator: draws the picture before the warp.
 
     Raises:
         ValueError: if the generator has variables of these names already.
+
+    Example:
+        >>> import torch
+        >>> from kfit.generators import VAE2D, SimilarityWarp
+        >>> generator = SimilarityWarp(VAE2D(code_dim=8)).eval()
+        >>> values = {name: torch.zeros(2, *variable.shape) for name, variable in generator.variables.items()}
+        >>> list(values), generator(**values | {"scale": torch.ones(2)}).image.shape
+        (['code', 'azimuth', 'elevation', 'roll', 'shift', 'scale'], torch.Size([2, 3, 64, 64]))
     """
 
     def __init__(self, generator: Generator) -> None:
@@ -62,7 +70,7 @@ class SimilarityWarp(Generator):
         return warp(drawn, values["roll"], values["shift"], values["scale"])
 
     def _drawn_once(self, inner: Variables) -> Rendering:
-        """The pictures of all rows, of which those with the same values, as differences have them, are drawn once."""
+        """Draw all rows, but rows with equal values, as finite differences have them, only once."""
         rows = torch.cat([value.flatten(1) if value.dim() > 1 else value[:, None] for value in inner.values()], 1)
         distinct, number = rows.unique(dim=0, return_inverse=True)
         if len(distinct) == len(rows):
@@ -75,10 +83,10 @@ class SimilarityWarp(Generator):
         return gathered
 
     def bind(self, **fixed: Tensor) -> Generator:
-        """Hold variables; those of the generator inside are bound there.
+        """Fix variables; those of the inner generator are bound there.
 
         Raises:
-            ValueError: for a name that is no variable of this generator.
+            ValueError: if a name is not a variable of this generator.
         """
         check_names("bind", fixed, self.variables)
         inner = {name: value for name, value in fixed.items() if name not in PLANE}
@@ -88,9 +96,14 @@ class SimilarityWarp(Generator):
 
 
 def fixed_camera(generator: Generator) -> Generator:
-    """The generator with its ``focal``, if it has one, held at the generator's own.
+    """Return the generator with its ``focal``, if it has one, fixed at its default.
 
-    So all rows are drawn from one distance, as the paper's generator draws, and nothing needs to be known of a camera.
+    All rows are then drawn from one distance, as the paper's generator does, and no camera needs to be known.
+
+    Example:
+        >>> from kfit.generators import RadianceField, fixed_camera
+        >>> list(fixed_camera(RadianceField(code_dim=8, volume_dims=(4, 4))).variables)
+        ['code', 'azimuth', 'elevation']
     """
     own = getattr(generator, "focal", None)
     return generator if own is None else generator.bind(focal=own)
@@ -100,20 +113,20 @@ def warp(drawn: Rendering, roll: Tensor, shift: Tensor, scale: Tensor) -> Render
     """Apply the similarity warp of `SimilarityWarp` to N drawn pictures.
 
     Args:
-        drawn: N pictures, or one for all.
+        drawn: N pictures, or one for all rows.
         roll: (N,) radians.
         shift: (N, 2) half-widths.
         scale: (N,).
     """
     height, width = drawn.image.shape[-2:]
     cos, sin = scale * roll.cos(), scale * roll.sin()
-    # In pixels y points down: the sense of the turn and the sign of the y shift change.
+    # In pixels y points down: the direction of rotation and the sign of the y shift change.
     linear = torch.stack([cos, sin, -sin, cos], -1).view(-1, 2, 2)
     centre = shift.new_tensor([(width - 1) / 2, (height - 1) / 2])
     moved = centre + shift * shift.new_tensor([width / 2, -height / 2])
-    # White outside: what is warped is the difference to white, whose outside is 0.
+    # White outside: the difference to white is warped, whose outside is 0.
     parts = {"image": drawn.image - 1}
-    if drawn.weight is not None:  # outside counts: what is warped is what does not
+    if drawn.weight is not None:  # the outside has weight 1: its complement is warped
         parts = {"image": drawn.weight * torch.where(drawn.weight > 0, parts["image"], 0), "hidden": 1 - drawn.weight}
     if drawn.mask is not None:
         parts["mask"] = drawn.mask

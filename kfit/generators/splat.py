@@ -1,4 +1,4 @@
-"""Points even over a textured surface, and their soft drawing as splats."""
+"""Points evenly distributed over a textured surface, and their soft rendering as splats."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from torch.nn import functional as F
 from kfit.core import Rendering
 from kfit.core.check import check_count, check_shape
 
-# Surfaces this far apart, in box diagonals, outweigh one another by e.
+# Depth difference, in box diagonals, at which the weights of surfaces differ by a factor of e.
 DEPTH_SOFTNESS = 0.0125
-# Points beyond the picture go here, outside of what is cut out.
+# Points outside of the picture go to this border, which is cut off.
 PAD = 3
 
 
 class SurfacePoints(nn.Module):
-    """P points even over a textured mesh, with normals, colours and the share of the surface that each stands for.
+    """P points evenly distributed over a textured mesh, with normals, colours and the area that each represents.
 
     Args:
         owner: name in errors.
@@ -30,10 +30,10 @@ class SurfacePoints(nn.Module):
         num_points: P.
 
     Attributes:
-        share: area of the surface that a point stands for, in squared units of the vertices.
+        share: area of the surface that a point represents, in squared units of the vertices.
 
     Raises:
-        ValueError: for arrays of other shapes and a surface without area.
+        ValueError: if an array has another shape, or the surface has no area.
     """
 
     points: Tensor
@@ -67,15 +67,15 @@ class SurfacePoints(nn.Module):
         """Draw N pictures of the points.
 
         Args:
-            column, row: (N, P) where they fall, in pixels.
-            depth: (N, P) behind one another.
-            area: (N, P) in pixels that the surface about each covers as seen from the camera.
+            column, row: (N, P) positions in pixels.
+            depth: (N, P).
+            area: (N, P) in pixels that each point's part of the surface covers as seen from the camera.
             size: (H, W).
-            softness: depths this far apart outweigh one another by e.
+            softness: depth difference at which weights differ by a factor of e.
         """
         rows, height, width = depth.shape[0], size[0] + 2 * PAD, size[1] + 2 * PAD
         front = area * torch.exp(-depth / softness)
-        # By the same kernel are summed: areas, weights, depths and colours.
+        # One kernel sums areas, weights, depths and colours.
         carried = torch.cat([torch.stack([area, front, front * depth], -1), front[..., None] * self.colors], -1)
         left, across = _kernel(column, size[1])
         top, down = _kernel(row, size[0])
@@ -92,7 +92,7 @@ class SurfacePoints(nn.Module):
 
 
 def _kernel(place: Tensor, size: int) -> tuple[Tensor, Tensor]:
-    """First of three pixels of the padded picture that each point touches, and the B-spline's weights there (…, 3)."""
+    """Return the first of three pixels (padded picture) that each point touches, and the B-spline weights (…, 3)."""
     nearest = place.detach().round().nan_to_num().clamp(-2, size + 1)
     t = (place - nearest).clamp(-0.5, 0.5)
     weights = torch.stack([(0.5 - t).square() / 2, 0.75 - t.square(), (0.5 + t).square() / 2], -1)
@@ -100,18 +100,18 @@ def _kernel(place: Tensor, size: int) -> tuple[Tensor, Tensor]:
 
 
 def _even_points(areas: Tensor, count: int) -> tuple[Tensor, Tensor]:
-    """Faces (P,) and barycentric shares (P, 3) of points even over a surface, the same each time."""
+    """Return faces (P,) and barycentric coordinates (P, 3) of points evenly distributed over a surface."""
     ends = areas.double().cumsum(0)
     number = torch.arange(count, dtype=torch.float64)
     face = torch.searchsorted(ends, (number + 0.5) / count * ends[-1]).clamp_max(len(areas) - 1)
-    # Roberts' R2 sequence: multiples of the plastic number's inverse powers, even over the unit square.
+    # Roberts' R2 sequence: multiples of the plastic number's inverse powers cover the unit square evenly.
     u, v = ((0.5 + step * number) % 1 for step in (0.7548776662466927, 0.5698402909980532))
     root = u.sqrt()
     return face, torch.stack([1 - root, root * (1 - v), root * v], 1).float()
 
 
 def _look_up(texture: Tensor, uv: Tensor) -> Tensor:
-    """Bilinear colours (P, 3) at texture coordinates (P, 2)."""
+    """Return bilinear colours (P, 3) at texture coordinates (P, 2)."""
     picture = texture.permute(2, 0, 1)[None]
     found = F.grid_sample(picture, 2 * uv[None, None] - 1, padding_mode="border", align_corners=False)
     return found[0, :, 0].T.contiguous()

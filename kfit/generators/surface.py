@@ -29,13 +29,15 @@ class Surface(NamedTuple):
 
 
 def surface_of(volume: Tensor, half_sides: Tensor, thickness: float, finer: int = 2) -> Surface:
-    """Where a ray through one cell of a volume loses half of its light, by marching cubes (Lorensen and Cline 1987).
+    """Extract the surface at which a ray through one cell loses half of its light, by marching cubes.
+
+    Source: Lorensen and Cline, 1987.
 
     Args:
-        volume: (4, D, H, W) raw colour and density, the density above that of empty space.
+        volume: (4, D, H, W) raw colour and density, the density relative to empty space.
         half_sides: (3,) of the box along x, y and z, in diagonals.
         thickness: optical depth of a diagonal per unit of the density's softplus.
-        finer: how many times finer the grid is on which the surface is looked for.
+        finer: refinement factor of the grid for marching cubes.
 
     Raises:
         ValueError: if nothing in the volume is dense enough.
@@ -46,7 +48,7 @@ def surface_of(volume: Tensor, half_sides: Tensor, thickness: float, finer: int 
     cell = float(2 * half_sides.mean()) / (sum(sides) / 3)
     # softplus(SHARPNESS · (raw + EMPTY)) · thickness · cell = ln 2
     level = math.log(math.expm1(math.log(2) / (thickness * cell))) / SHARPNESS - EMPTY
-    # Beyond the box all is empty: with a border of it the surface closes.
+    # The outside of the box is empty: a border of empty cells closes the surface.
     padded = F.pad(volume.detach().double().cpu(), [1] * 6)[None]
     size = [(side + 1) * finer + 1 for side in sides]
     dense = F.interpolate(padded[:, 3:], size, mode="trilinear", align_corners=True)[0, 0]
@@ -58,7 +60,7 @@ def surface_of(volume: Tensor, half_sides: Tensor, thickness: float, finer: int 
     grid = (2 * places / ends - 1)[None, None, None]
     raw = F.grid_sample(padded[:, :3], grid, align_corners=True, padding_mode="border")[0, :, 0, 0].T
     cells = torch.tensor(sides[::-1], dtype=torch.float64)
-    # The padded grid runs from the centre of the cell before the box to that of the cell behind.
+    # The padded grid spans from the centre of the cell before the box to that of the cell after it.
     unit = 2 * (places / finer - 0.5) / cells - 1
     vertices = unit * half_sides.double().cpu()
     # scikit-image's triangles look inwards along (z, y, x), so outwards along the mirrored (x, y, z).

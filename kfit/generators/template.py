@@ -26,49 +26,57 @@ from kfit.generators.motions import (
     spline_basis,
 )
 
-# A pixel of which less is covered counts as outside: its colour would be a quotient of two small numbers.
+# Pixels with less coverage count as outside: their colour would be a quotient of two small numbers.
 LEAST_COVER = 1e-3
 LIGHT = {"gain": Variable((), Positive()), "bias": Variable()}
 
 
 class Template(Generator):
-    """Draws a picture of its own, warped; with an observation of the same scene, its fit is image registration.
+    """Draw a fixed picture, warped; a fit to an observation of the same scene is image registration.
 
-    A point p of the template, in pixels from the centre, x right and y up, goes to
+    A point p of the template, in pixels from the centre, x right and y up, moves to
 
     - translation: p + shift;
     - euclidean: R(roll) · p + shift;
     - similarity: scale · R(roll) · p + shift, as in `SimilarityWarp`;
     - affine: scale · R(roll) · [[stretch, shear], [0, 1/stretch]] · p + shift;
-    - homography: where the projective map takes it that moves the picture's corners by ``corners`` (4, 2), from the
-      top left clockwise, which conditions a fit better than the matrix (Baker, Datta and Kanade, "Parameterizing
+    - homography: its image under the projective map that moves the picture's corners by ``corners`` (4, 2), clockwise
+      from the top left, which conditions a fit better than the matrix (Baker, Datta and Kanade, "Parameterizing
       homographies", 2006).
 
-    Two motions bend. A pixel p of the drawing, x right and y down, shows the template at p + u(p), as displacement
-    fields of SimpleITK and flows of scikit-image have it, where u interpolates ``displacement`` (2, rows, columns) of
+    Two motions are non-rigid. A pixel p of the drawing, x right and y down, shows the template at p + u(p), like
+    displacement fields of SimpleITK and flows of scikit-image. u interpolates ``displacement`` (2, rows, columns) of
     control points that span the picture: by a thin-plate spline (tps), or bicubically (flow; with as many control
     points as pixels it is dense).
 
-    Lengths are in half-widths and half-heights, ``roll`` in radians anticlockwise. Variables of 0, and of 1 for scale,
-    stretch and gain, leave the picture as it is. Mask and weight of the rendering are what the
-    template covers of each pixel: outside it nothing counts, so a fit compares the overlap alone and
-    `kfit.FitPipeline`'s ``min_overlap`` keeps the template in the frame. A pixel that it covers in part has the colour
-    of that part.
+    Lengths are in half-widths and half-heights, ``roll`` in radians anticlockwise. The identity is 0 for all variables
+    and 1 for scale, stretch and gain. Mask and weight of the rendering are the template's coverage of each pixel, so a
+    fit compares the overlap alone, and `kfit.FitPipeline`'s ``min_overlap`` keeps the template in the frame. A partly
+    covered pixel has the colour of the covered part.
 
     Args:
         picture: (C, H, W) in [0, 1], or (B, C, H, W), a template for each of B problems.
         motion: "translation", "euclidean", "similarity", "affine", "homography", "tps" or "flow".
-        fill: the brightness drawn outside, which is shown but never counts.
-        mask: (1, H, W), or (B, 1, H, W), in [0, 1], where the template is known; everywhere unless given.
-        light: also fit ``gain`` (above 0) and ``bias`` of the template's brightness, gain · picture + bias.
-        oversampling: how many times finer, along each side, the grid is from which the warp reads; a cubic spline
-            fills it in. At 1 the warp is bilinear between pixels, which blurs by how far a point lies between them,
-            and so draws a fit about a hundredth of a pixel off the truth; 4 leaves half of that.
+        fill: brightness outside of the template, which has weight 0.
+        mask: (1, H, W), or (B, 1, H, W), in [0, 1], where the template is known; everywhere by default.
+        light: whether to fit ``gain`` (above 0) and ``bias`` of the template's brightness, gain · picture + bias.
+        oversampling: factor by which a cubic spline refines the grid, along each side, before the warp samples it. At
+            1 the warp is bilinear between pixels, whose blur depends on the position between them and biases a fit by
+            about 0.01 pixel; 4 halves that.
         control: (rows, columns) of control points of tps and flow.
 
     Raises:
-        TypeError, ValueError: for a picture of integers or of another shape, an unknown motion, an oversampling
-            below 1, fewer than 2 control points a side, and in a fit for another number of problems than templates.
+        TypeError, ValueError: if the picture holds integers or has another shape, the motion is unknown, the
+            oversampling is below 1, a side has fewer than 2 control points or, in a fit, the number of problems
+            differs from that of templates.
+
+    Example:
+        >>> import torch
+        >>> from kfit.generators import Template
+        >>> template = Template(torch.rand(3, 64, 64), "similarity")
+        >>> drawn = template(roll=torch.zeros(1), scale=torch.ones(1), shift=torch.tensor([[1.0, 0.0]]))
+        >>> drawn.weight.mean()  # moved by half of the width, half of the frame is covered
+        tensor(0.5000)
     """
 
     pixels: Tensor
@@ -117,7 +125,7 @@ class Template(Generator):
         read = self.places(**{name: value for name, value in values.items() if name in self.moving})
         template = values.get("template")
         pixels = self.pixels.expand(len(read), -1, -1, -1) if template is None else self.pixels[template]
-        # Out of autocast: bfloat16 places miss by pixels.
+        # Without autocast: positions in bfloat16 are off by pixels.
         with torch.autocast(pixels.device.type, enabled=False):
             warped = remap(pixels, *(read.to(pixels) * self.oversampling).unbind(-1), align_corners=True)
         cover = warped[:, -1:]
@@ -129,10 +137,10 @@ class Template(Generator):
         return Rendering(image=torch.where(covered, image, self.fill), mask=mask, weight=mask)
 
     def places(self, **values: Tensor) -> Tensor:
-        """Where each pixel of the drawing reads the template, (N, H, W, 2) as (x, y) in its pixels.
+        """Return the positions (N, H, W, 2), as (x, y) in template pixels, that the drawing samples.
 
         Args:
-            values: of the variables that move, (N, \\*shape) each.
+            values: of the motion's variables, (N, \\*shape) each.
         """
         with torch.autocast(self.pixels.device.type, enabled=False):
             if self.motion not in BENDING:
@@ -141,22 +149,22 @@ class Template(Generator):
             return pixel_grid(field, self.size) + field
 
     def matrix(self, **values: Tensor) -> Tensor:
-        """Where pixels go: (N, 3, 3), from the template's pixels to the drawing's, centres at whole numbers.
+        """Return matrices (N, 3, 3) from the template's pixels to the drawing's, pixel centres at integers.
 
         Args:
-            values: of the variables that move, (N, \\*shape) each.
+            values: of the motion's variables, (N, \\*shape) each.
 
         Raises:
-            ValueError: for a motion that bends, which is no matrix.
+            ValueError: if the motion is non-rigid, which is not a matrix.
         """
         if self.motion in BENDING:
             raise ValueError(f"matrix: {self.motion} bends the picture, which no matrix does; see places")
         return matrix_of(self.motion, values, self.size)
 
     def corners(self, matrix: Tensor) -> Tensor:
-        """How far a map of pixels (N, 3, 3) moves the corners, (N, 4, 2) in half-widths and half-heights, y up.
+        """Return the displacement (N, 4, 2) of the corners by matrices (N, 3, 3), in half-sides, y up.
 
-        It takes what another motion has found to where a homography starts.
+        It converts the result of another motion to the start of a homography.
         """
         height, width = self.size
         start = outer_corners(matrix, self.size).expand(len(matrix), 4, 2)
@@ -165,16 +173,16 @@ class Template(Generator):
 
 
 def _finer(picture: Tensor, mask: Tensor, times: int) -> tuple[Tensor, Tensor]:
-    """A picture and its mask on a grid ``times`` finer that starts and ends at the same pixel centres."""
+    """Refine a picture and its mask to a grid ``times`` finer that starts and ends at the same pixel centres."""
     if times == 1:
         return picture, mask
     from scipy.ndimage import zoom  # type: ignore[import-untyped]
 
     size = [(side - 1) * times + 1 for side in picture.shape[-2:]]
     factors = [new / old for new, old in zip(size, picture.shape[-2:], strict=True)]
-    # One plane at a time: a spline of four axes would take 16 times as long.
+    # One plane at a time: a spline of four axes would take 16 × as long.
     planes = [zoom(plane, factors, order=3, mode="mirror") for plane in picture.flatten(0, 1).double().cpu().numpy()]
     finer = torch.from_numpy(np.stack(planes)).unflatten(0, picture.shape[:2])
-    # No spline for the mask, which would ring at its edges.
+    # The mask is bilinear, because a spline rings at edges.
     mask = F.interpolate(mask, size, mode="bilinear", align_corners=True)
     return finer.to(picture), mask

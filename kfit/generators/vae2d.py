@@ -1,4 +1,4 @@
-"""The paper's generator without its 3D: the pose stands beside the code, and 2D convolutions draw."""
+"""The paper's generator without 3D: the pose is concatenated to the code, and 2D convolutions draw."""
 
 from __future__ import annotations
 
@@ -17,19 +17,26 @@ SIDE = 4  # of the learned constant; each layer doubles it
 
 
 class VAE2D(Generator):
-    """Draws what `VAE3D` draws by 2D convolutions only (Chen et al. 2020, section 4.2, "w/o 3D").
+    """Draw the pictures of `VAE3D` by 2D convolutions only (Chen et al. 2020, section 4.2, "w/o 3D").
 
     Constant → AdaIN → up-convolutions with AdaIN → 3×3 convolution → sigmoid. The pose is concatenated to the code as
-    (sin, cos) of both angles, so that it comes round, and the two speak through every AdaIN. The defaults have 2.8 M
-    parameters and 0.36 G multiply-adds a picture, near those of the compact `VAE3D`.
+    (sin, cos) of both angles, so that it is periodic, and both enter every AdaIN. The defaults have 2.8 M parameters
+    and 0.36 G multiply-adds a picture, about as many as the compact `VAE3D`.
 
     Variables: ``code`` (code_dim,), ``azimuth`` and ``elevation`` (radians). Draws (N, 3, S, S) with
-    S = 4 · 2^(len(decoder_dims) − 1), that is 64.
+    S = 4 · 2^(len(decoder_dims) − 1), 64 by default.
 
     Args:
         code_dim: size of the code.
         decoder_dims: channels of the constant and after each up-convolution.
-        depth: draw depth too, in box diagonals behind the object's centre.
+        depth: whether to draw depth too, in box diagonals behind the object's centre.
+
+    Example:
+        >>> import torch
+        >>> from kfit.generators import VAE2D
+        >>> generator = VAE2D(code_dim=8, decoder_dims=(8, 8, 8))
+        >>> generator(code=torch.zeros(2, 8), azimuth=torch.zeros(2), elevation=torch.zeros(2)).image.shape
+        torch.Size([2, 3, 16, 16])
     """
 
     def __init__(

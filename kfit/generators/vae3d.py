@@ -1,4 +1,4 @@
-"""The paper's generator: a learned volume that is turned in space and drawn by a 2D decoder."""
+"""The paper's generator: a learned volume that is rotated in space and drawn by a 2D decoder."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ VOLUME_SIDE = 4  # of the learned constant; each 3D layer doubles it
 
 
 class VAE3D(Generator):
-    """Draws RGB and mask of one category from a code, an azimuth and an elevation (Chen et al. 2020, section 3.1).
+    """Draw RGB and mask of one category from a code, an azimuth and an elevation (Chen et al. 2020, section 3.1).
 
     Constant volume → AdaIN → 3D up-convolutions with AdaIN → rotation R = Rx(elevation) · Ry(azimuth) → projection
     (depth folded into channels, 1×1 convolution) → 2D up-convolutions with AdaIN → sigmoid. The defaults are the
@@ -35,8 +35,15 @@ class VAE3D(Generator):
         projection_dim: channels after the projection.
         decoder_dims: channels after each 2D up-convolution.
         rectified: styles through a ReLU, as in the released code.
-        depth: draw depth too (the paper's RGB-D model), in box diagonals behind the object's centre.
-        mask: draw a mask; the released networks have none.
+        depth: whether to draw depth too (the paper's RGB-D model), in box diagonals behind the object's centre.
+        mask: whether to draw a mask; the released networks have none.
+
+    Example:
+        >>> import torch
+        >>> from kfit.generators import VAE3D
+        >>> generator = VAE3D(code_dim=8, volume_dims=(8, 8), projection_dim=8, decoder_dims=(8,))
+        >>> generator(code=torch.zeros(2, 8), azimuth=torch.zeros(2), elevation=torch.zeros(2)).image.shape
+        torch.Size([2, 3, 16, 16])
     """
 
     def __init__(
@@ -78,7 +85,7 @@ class VAE3D(Generator):
 
     @classmethod
     def paper(cls, code_dim: int = 16, depth: bool = False, mask: bool = True) -> VAE3D:
-        """The released code's sizes (neural_object_fitting@7309348): 10.3 M parameters, 2.2 G multiply-adds."""
+        """Build the released code's sizes (neural_object_fitting@7309348): 10.3 M parameters, 2.2 G multiply-adds."""
         return cls(code_dim, (512, 128, 64), 1024, (256, 64), rectified=True, depth=depth, mask=mask)
 
     def forward(self, **values: Tensor) -> Rendering:
@@ -86,10 +93,10 @@ class VAE3D(Generator):
         return self._picture(volume, styles, values["azimuth"], values["elevation"])
 
     def bind(self, **fixed: Tensor) -> Generator:
-        """Hold variables; a held code has its volume and styles computed here, once.
+        """Fix variables; the volume and styles of a fixed code are computed here, once.
 
         Raises:
-            ValueError: for a name that is no variable of this generator, or a value of another shape.
+            ValueError: if a name is not a variable of this generator, or a value has another shape.
         """
         return bind_code(self, fixed, lambda code: _BoundCode(self, code))
 
@@ -102,7 +109,7 @@ class VAE3D(Generator):
         return volume, styles
 
     def _picture(self, volume: Tensor, styles: list[Tensor], azimuth: Tensor, elevation: Tensor) -> Rendering:
-        # Turning stays out of autocast: in bfloat16 it misses by up to a seventh of a voxel, and the gradient of the
+        # The rotation is computed without autocast: in bfloat16 it is off by up to 0.14 voxel, and the gradient of the
         # angles loses its direction.
         with torch.autocast(volume.device.type, enabled=False):
             turned = turn_volume(volume, rotation_from_angles(azimuth, elevation, torch.zeros_like(azimuth)))
@@ -137,10 +144,10 @@ class _BoundCode(Generator):
 
 
 def turn_volume(volume: Tensor, rotation: Tensor) -> Tensor:
-    """Turn volumes about their centres.
+    """Rotate volumes about their centres.
 
     Axes of the volume (D, H, W) are depth away from the viewer, down and right, so a rotation R of the y-up frame acts
-    as F·R·F on (x, y, z) voxel coordinates, F = diag(1, −1, −1). Space outside repeats the border.
+    as F·R·F on (x, y, z) voxel coordinates, F = diag(1, −1, −1). The border is repeated outside.
 
     Args:
         volume: (N, C, D, H, W), a cube.

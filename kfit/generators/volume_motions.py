@@ -1,4 +1,4 @@
-"""Motions of a volume: their variables, and the matrices that they are."""
+"""Motions of a volume: variables and matrices."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ VOLUME_MOTIONS: dict[str, dict[str, Variable]] = {
 
 
 def volume_matrix_of(values: Mapping[str, Tensor], size: tuple[int, ...]) -> Tensor:
-    """Where voxels (x, y, z) go: (N, 4, 4), from the template's to the drawing's, both of ``size`` (D, H, W)."""
+    """Return matrices (N, 4, 4) from the template's voxels (x, y, z) to the drawing's, both of ``size`` (D, H, W)."""
     shift = values["shift"]
     half, middle = _frame(shift, size)
     linear = torch.eye(3).to(shift).expand(len(shift), 3, 3)
@@ -32,9 +32,9 @@ def volume_matrix_of(values: Mapping[str, Tensor], size: tuple[int, ...]) -> Ten
 
 
 def volume_values_of(motion: str, matrix: Tensor, size: tuple[int, ...]) -> Variables:
-    """The values with which a motion does what a matrix (N, 4, 4) does, or what comes closest.
+    """Return the values of a motion that equals a matrix (N, 4, 4), or approximates it.
 
-    All motions agree with the matrix at the centre; rotation and scale are those of least squares.
+    All motions agree with the matrix at the centre; rotation and scale are the least-squares solution.
     """
     half, middle = _frame(matrix, size)
     linear = matrix[:, :3, :3]
@@ -44,7 +44,7 @@ def volume_values_of(motion: str, matrix: Tensor, size: tuple[int, ...]) -> Vari
     if motion == "translation":
         return found
     left, stretch, right = torch.linalg.svd(linear)
-    # The last axis is reversed where the product would be a reflection (Kabsch, 1976).
+    # The last axis is reversed if the product is a reflection (Kabsch, 1976).
     sign = torch.ones_like(stretch)
     sign[:, 2] = torch.linalg.det(left @ right).sign()
     found["rotation"] = left * sign[:, None] @ right
@@ -54,6 +54,6 @@ def volume_values_of(motion: str, matrix: Tensor, size: tuple[int, ...]) -> Vari
 
 
 def _frame(like: Tensor, size: tuple[int, ...]) -> tuple[Tensor, Tensor]:
-    """Half of the volume's sides, and its middle, as (x, y, z)."""
+    """Return half of the sides of the volume, and its centre, as (x, y, z)."""
     sides = like.new_tensor(size[::-1])
     return sides / 2, (sides - 1) / 2

@@ -20,10 +20,10 @@ VolumeMotion = Literal["translation", "euclidean", "similarity", "affine"]
 
 
 class VolumeTemplate(Generator):
-    """Draws a volume of its own, moved: what `kfit.generators.Template` is for pictures.
+    """Draw a fixed volume, moved: the counterpart of `kfit.generators.Template` for volumes.
 
     A point p of the template, in voxels from the centre, x along the width, y along the height, z along the depth,
-    goes to
+    moves to
 
     - translation: p + shift;
     - euclidean: rotation · p + shift;
@@ -31,18 +31,25 @@ class VolumeTemplate(Generator):
     - affine: linear · p + shift.
 
     ``shift`` is in half-sides, ``rotation`` in SO(3). Voxels are cubes. The warp is trilinear (`kornia.geometry.
-    transform.warp_affine3d`). Mask and weight of the rendering are what the template covers of each voxel.
+    transform.warp_affine3d`). Mask and weight of the rendering are the template's coverage of each voxel.
 
     Args:
-        volume: (B, C, D, H, W) in [0, 1], one for all problems or one for each.
+        volume: (B, C, D, H, W) in [0, 1], one template for all problems or one for each.
         motion: "translation", "euclidean", "similarity" or "affine".
-        fill: the brightness drawn outside, which is shown but never counts.
-        mask: (B, 1, D, H, W) in [0, 1], where the template is known; everywhere unless given.
-        light: also fit ``gain`` (above 0) and ``bias`` of the template's brightness, gain · volume + bias.
+        fill: brightness outside of the template, which has weight 0.
+        mask: (B, 1, D, H, W) in [0, 1], where the template is known; everywhere by default.
+        light: whether to fit ``gain`` (above 0) and ``bias`` of the template's brightness, gain · volume + bias.
 
     Raises:
-        TypeError, ValueError: for a volume of integers or of another shape, an unknown motion, and in a fit for
-            another number of problems than templates.
+        TypeError, ValueError: if the volume holds integers or has another shape, the motion is unknown or, in a fit,
+            the number of problems differs from that of templates.
+
+    Example:
+        >>> import torch
+        >>> from kfit.generators import VolumeTemplate
+        >>> template = VolumeTemplate(torch.rand(1, 1, 8, 16, 16), "translation")
+        >>> template(shift=torch.tensor([[1.0, 0.0, 0.0]])).weight.mean()  # moved by half of the width
+        tensor(0.5000)
     """
 
     voxels: Tensor
@@ -80,10 +87,10 @@ class VolumeTemplate(Generator):
     def forward(self, **values: Tensor) -> Rendering:
         template = values.get("template")
         depth, height, width = self.size
-        # Out of autocast: bfloat16 places miss by voxels.
+        # Without autocast: positions in bfloat16 are off by voxels.
         with torch.autocast(self.voxels.device.type, enabled=False):
             matrix = self.matrix(**{name: value for name, value in values.items() if name in self.moving})
-            # Kornia's inverse fails for all rows where one has none; such a row is moved out of the frame.
+            # Kornia's inverse fails for all rows if one is singular; such a row is moved out of the frame.
             away = torch.eye(4).to(matrix)
             away[0, 3] = 4 * width
             usable = torch.linalg.det(matrix.detach()[:, :3, :3])
@@ -101,10 +108,10 @@ class VolumeTemplate(Generator):
         return Rendering(image=torch.where(covered, image, self.fill), mask=mask, weight=mask)
 
     def places(self, **values: Tensor) -> Tensor:
-        """Where each voxel of the drawing reads the template, (N, D, H, W, 3) as (x, y, z) in its voxels.
+        """Return the positions (N, D, H, W, 3), as (x, y, z) in template voxels, that the drawing samples.
 
         Args:
-            values: of the variables that move, (N, \\*shape) each.
+            values: of the motion's variables, (N, \\*shape) each.
         """
         inverse = torch.linalg.inv(self.matrix(**values))
         points = pixel_grid(inverse, self.size).view(1, -1, 3)
@@ -112,9 +119,9 @@ class VolumeTemplate(Generator):
         return read.view(-1, *self.size, 3)
 
     def matrix(self, **values: Tensor) -> Tensor:
-        """Where voxels go: (N, 4, 4), from the template's voxels (x, y, z) to the drawing's, centres at whole numbers.
+        """Return matrices (N, 4, 4) from the template's voxels (x, y, z) to the drawing's, voxel centres at integers.
 
         Args:
-            values: of the variables that move, (N, \\*shape) each.
+            values: of the motion's variables, (N, \\*shape) each.
         """
         return volume_matrix_of(values, self.size)

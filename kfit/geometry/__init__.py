@@ -1,4 +1,4 @@
-"""Pure functions on tensors: pose conventions, crops, cameras, boxes, and what is known about categories."""
+"""Pure functions on tensors: pose conventions, crops, cameras, boxes, and constants of categories."""
 
 from kfit.geometry.boxes import EDGES, box_corners, project
 from kfit.geometry.camera import (
@@ -7,18 +7,17 @@ from kfit.geometry.camera import (
     diagonal_at,
     distance_by_focal,
     focal_by_distance,
-    intrinsics_from_exif,
     intrinsics_from_fov,
     observed,
     pose_from_crop,
     viewing_ray,
     viewing_ray_rotation,
-    was_cropped,
     with_focal,
 )
 from kfit.geometry.categories import CATEGORIES, Category
 from kfit.geometry.clusters import energy_weights, rotation_clusters, rotation_spread_deg
 from kfit.geometry.crop import Crop
+from kfit.geometry.exif import intrinsics_from_exif, was_cropped
 from kfit.geometry.pose import (
     Symmetry,
     angles_from_rotation,

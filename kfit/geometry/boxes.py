@@ -11,7 +11,7 @@ EDGES: tuple[tuple[int, int], ...] = tuple((i, i | 1 << k) for k in range(3) for
 
 
 def box_corners(rotation: Tensor, translation: Tensor, size: Tensor) -> Tensor:
-    """The eight corners x = R (± size / 2) + t of an oriented box.
+    """Return the eight corners x = R (± size / 2) + t of an oriented box.
 
     Args:
         rotation: (…, 3, 3) object to camera.
@@ -20,16 +20,30 @@ def box_corners(rotation: Tensor, translation: Tensor, size: Tensor) -> Tensor:
 
     Returns:
         (…, 8, 3); corner i is at +size / 2 along axis k where bit k of i is set.
+
+    Example:
+        >>> import torch
+        >>> from kfit.geometry import box_corners
+        >>> box_corners(torch.eye(3), torch.tensor([0.0, 0.0, 1.0]), torch.tensor([0.2, 0.4, 0.6]))[:2]
+        tensor([[-0.1000, -0.2000,  0.7000],
+                [ 0.1000, -0.2000,  0.7000]])
     """
     signs = torch.tensor([[1.0 if i >> k & 1 else -1.0 for k in range(3)] for i in range(8)]).to(size)
     return (signs * size[..., None, :] / 2) @ rotation.mT + translation[..., None, :]
 
 
 def project(points: Tensor, intrinsics: Tensor) -> Tensor:
-    """Pixels (…, M, 2) of points (…, M, 3) in front of a camera with intrinsics (…, 3, 3), OpenCV axes.
+    """Project points (…, M, 3) by a camera with intrinsics (…, 3, 3), OpenCV axes, to pixels (…, M, 2).
 
     Raises:
-        ValueError: if a point lies in or behind the camera's plane, where no pixel shows it.
+        ValueError: if a point lies in or behind the camera's plane, where it has no pixel.
+
+    Example:
+        >>> import torch
+        >>> from kfit.geometry import intrinsics_from_fov, project
+        >>> project(torch.tensor([[0.0, 0.0, 1.0], [0.1, 0.0, 1.0]]), intrinsics_from_fov(640, 480))
+        tensor([[319.5000, 239.5000],
+                [374.9256, 239.5000]])
     """
     if bool((points[..., 2] <= 0).any()):
         nearest = float(points[..., 2].min())

@@ -1,9 +1,8 @@
-"""Cameras: intrinsics, viewing rays, and the way from a fitted crop to a pose in the photo's camera."""
+"""Cameras: intrinsics, viewing rays, and the conversion of a fitted crop to a pose in the photo's camera."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -16,18 +15,12 @@ from kfit.core.check import check_count, check_range
 from kfit.geometry.crop import Crop
 from kfit.geometry.pose import rotation_from_angles, to_opencv
 
-# Share of the picture's width that the silhouette of the object's bounding sphere spans at scale 1.
+# Fraction of the picture's width that the silhouette of the object's bounding sphere spans at scale 1.
 UNIT_FRACTION = 0.95
-# EXIF tag numbers (Exif 2.32, tables 8 and 9).
-_FOCAL_LENGTH, _FOCAL_LENGTH_35MM, _PIXELS_X, _PIXELS_Y = 0x920A, 0xA405, 0xA002, 0xA003
-_FOCAL_PLANE_X_RESOLUTION, _FOCAL_PLANE_UNIT = 0xA20E, 0xA210
-# Proportions that differ by less do so by rounding.
-_ALIKE = 0.01
-_UNIT_MM = {2: 25.4, 3: 10.0, 4: 1.0, 5: 1e-3}
 
 
 def intrinsics_from_fov(width: int, height: int, fov_deg: float = 60.0) -> Tensor:
-    """Intrinsics of an ideal camera that sees ``fov_deg`` along the photo's longer side.
+    """Return intrinsics of an ideal camera with field of view ``fov_deg`` along the photo's longer side.
 
     f = max(width, height) / (2 tan(fov / 2)), principal point ((width − 1) / 2, (height − 1) / 2). The default lies
     between a phone's main lens (26 mm on film: 67°) and a normal lens (50 mm: 39°); a wrong angle changes the distance
@@ -37,57 +30,30 @@ def intrinsics_from_fov(width: int, height: int, fov_deg: float = 60.0) -> Tenso
         (3, 3), pixels with centres at integers.
 
     Raises:
-        ValueError: if a side is below 1 or the angle not between 1 and 179.
+        ValueError: if a side is below 1 or the angle not between 1° and 179°.
+
+    Example:
+        >>> from kfit.geometry import intrinsics_from_fov
+        >>> intrinsics_from_fov(640, 480, fov_deg=90)
+        tensor([[320.0000,   0.0000, 319.5000],
+                [  0.0000, 320.0000, 239.5000],
+                [  0.0000,   0.0000,   1.0000]])
     """
     check_count("width", width)
     check_count("height", height)
     check_range("fov_deg", fov_deg, 1, 179)
-    return _intrinsics(max(width, height) / (2 * math.tan(math.radians(fov_deg) / 2)), width, height)
-
-
-def intrinsics_from_exif(tags: Mapping[int, Any], width: int, height: int) -> Tensor | None:
-    """Intrinsics by a photo's EXIF tags, or None where they do not tell.
-
-    By FocalLengthIn35mmFilm F, which compares *diagonals* (CIPA DCG-001), f = F · √(w² + h²) / √(36² + 24²), or
-    without it by FocalLength times FocalPlaneXResolution. Both hold for the photo as it was taken, of
-    w × h = PixelXDimension × PixelYDimension pixels. One of the same proportions has been scaled since, and f with it;
-    one of other proportions has been cropped, and f stays (see `was_cropped`).
-
-    Args:
-        tags: values by tag number, those of the Exif sub-directory among them.
-        width, height: of the photo as it is now, in pixels.
-
-    Returns:
-        (3, 3), pixels with centres at integers; the principal point is the photo's middle.
-    """
-    taken = _taken(tags, width, height)
-    scale = 1.0 if was_cropped(tags, width, height) else max(width, height) / taken[0]
-    on_film = _number(tags, _FOCAL_LENGTH_35MM)
-    if on_film:
-        return _intrinsics(scale * on_film * math.hypot(*taken) / math.hypot(36, 24), width, height)
-    focal, resolution = _number(tags, _FOCAL_LENGTH), _number(tags, _FOCAL_PLANE_X_RESOLUTION)
-    unit = _UNIT_MM.get(int(_number(tags, _FOCAL_PLANE_UNIT) or 2))
-    if not (focal and resolution and unit):
-        return None
-    return _intrinsics(scale * focal * resolution / unit, width, height)
-
-
-def was_cropped(tags: Mapping[int, Any], width: int, height: int) -> bool:
-    """Whether a photo is a part of the one that its EXIF tags name: no larger, and of other proportions.
-
-    Args:
-        tags: as in `intrinsics_from_exif`.
-        width, height: of the photo as it is now, in pixels; it may have been turned upright.
-    """
-    taken, now = _taken(tags, width, height), (max(width, height), min(width, height))
-    if now[0] > taken[0] or now[1] > taken[1]:
-        return False
-    across, down = now[0] / taken[0], now[1] / taken[1]
-    return abs(across - down) > _ALIKE * max(across, down)
+    return intrinsics_of(max(width, height) / (2 * math.tan(math.radians(fov_deg) / 2)), width, height)
 
 
 def with_focal(intrinsics: Tensor, focal: Tensor) -> Tensor:
-    """The same cameras (…, 3, 3) with other focal lengths (…) in pixels, means of both axes."""
+    """Return the cameras (…, 3, 3) with other focal lengths (…) in pixels, means of both axes.
+
+    Example:
+        >>> import torch
+        >>> from kfit.geometry import intrinsics_from_fov, with_focal
+        >>> with_focal(intrinsics_from_fov(640, 480), torch.tensor(500.0))[0]
+        tensor([500.0000,   0.0000, 319.5000])
+    """
     ratio = focal / ((intrinsics[..., 0, 0] + intrinsics[..., 1, 1]) / 2)
     changed = intrinsics.expand(*ratio.shape, 3, 3).clone()
     changed[..., :2, :2] *= ratio[..., None, None]
@@ -95,7 +61,14 @@ def with_focal(intrinsics: Tensor, focal: Tensor) -> Tensor:
 
 
 def viewing_ray(pixel: Tensor, intrinsics: Tensor) -> Tensor:
-    """Unit direction (…, 3) in OpenCV axes of the ray through a pixel (…, 2); intrinsics (…, 3, 3)."""
+    """Return the unit direction (…, 3), OpenCV axes, of the ray through a pixel (…, 2); intrinsics (…, 3, 3).
+
+    Example:
+        >>> import torch
+        >>> from kfit.geometry import intrinsics_from_fov, viewing_ray
+        >>> viewing_ray(torch.tensor([319.5, 239.5]), intrinsics_from_fov(640, 480))
+        tensor([0., 0., 1.])
+    """
     homogeneous = torch.cat((pixel, torch.ones_like(pixel[..., :1])), -1)
     ray = torch.linalg.solve(intrinsics.to(pixel), homogeneous[..., None])[..., 0]
     unit: Tensor = ray / ray.norm(dim=-1, keepdim=True)
@@ -103,9 +76,10 @@ def viewing_ray(pixel: Tensor, intrinsics: Tensor) -> Tensor:
 
 
 def viewing_ray_rotation(pixel: Tensor, intrinsics: Tensor) -> Tensor:
-    """Smallest rotation that takes the optical axis to the ray through a pixel.
+    """Return the smallest rotation of the optical axis to the ray through a pixel.
 
-    A crop off the photo's middle looks as if the camera had looked straight at it, so R_cam = R_ray · R_crop.
+    A crop around a pixel off the photo's middle approximates the view of a camera that points at it, so
+    R_cam = R_ray · R_crop.
 
     Args:
         pixel: (…, 2).
@@ -113,6 +87,13 @@ def viewing_ray_rotation(pixel: Tensor, intrinsics: Tensor) -> Tensor:
 
     Returns:
         (…, 3, 3) in OpenCV axes, whose third column is the ray.
+
+    Example:
+        >>> import torch
+        >>> from kfit.geometry import intrinsics_from_fov, viewing_ray_rotation
+        >>> camera = intrinsics_from_fov(640, 480, fov_deg=90)
+        >>> viewing_ray_rotation(torch.tensor([639.5, 239.5]), camera)[:, 2]  # 45° to the right
+        tensor([0.7071, 0.0000, 0.7071])
     """
     x, y, z = viewing_ray(pixel, intrinsics).unbind(-1)
     # Unit vectors a and b: the quaternion (1 + a·b, a × b) turns a into b by the shortest way.
@@ -121,28 +102,34 @@ def viewing_ray_rotation(pixel: Tensor, intrinsics: Tensor) -> Tensor:
 
 
 def focal_by_distance(distance: Tensor, unit_fraction: float = UNIT_FRACTION) -> Tensor:
-    """Focal length over the picture's width at which an object fills the picture as it does at any distance.
+    """Return the focal length over the picture's width at which an object keeps its size in the picture.
 
-    φ = u · √(d² − 1/4): a sphere of diameter 1, which holds an object whose box diagonal is 1, has a silhouette of
-    diameter 1 / √(d² − 1/4) times the focal length, so that spans the share u of the width.
+    φ = u · √(d² − 1/4): the silhouette of a sphere of diameter 1, which holds an object of box diagonal 1, has a
+    diameter of 1 / √(d² − 1/4) times the focal length. With this focal length it spans the fraction u of the width.
 
     Args:
         distance: d of the camera from the object's centre, in box diagonals, above 1/2.
         unit_fraction: u.
 
-    >>> float(focal_by_distance(torch.tensor(1.3), 1.0))
-    1.2000000476837158
+    Example:
+        >>> import torch
+        >>> from kfit.geometry import focal_by_distance
+        >>> focal_by_distance(torch.tensor(1.3), 1.0)
+        tensor(1.2000)
     """
     return unit_fraction * (distance.square() - 0.25).sqrt()
 
 
 def distance_by_focal(focal: Tensor, unit_fraction: float = UNIT_FRACTION) -> Tensor:
-    """The inverse of `focal_by_distance`, d = √(1/4 + (φ / u)²).
+    """Invert `focal_by_distance`: d = √(1/4 + (φ / u)²).
 
-    In a picture of an object at another scale, φ is the focal length over the picture's width and over that scale.
+    For a picture of an object at another scale, φ is the focal length over the picture's width, divided by the scale.
 
-    >>> float(distance_by_focal(torch.tensor(1.2), 1.0))
-    1.2999999523162842
+    Example:
+        >>> import torch
+        >>> from kfit.geometry import distance_by_focal
+        >>> distance_by_focal(torch.tensor(1.2), 1.0)
+        tensor(1.3000)
     """
     return (0.25 + (focal / unit_fraction).square()).sqrt()
 
@@ -158,31 +145,41 @@ def pose_from_crop(
     diagonal: float | Tensor,
     unit_fraction: float = UNIT_FRACTION,
 ) -> tuple[Tensor, Tensor]:
-    """Pose in the photo's camera of an object fitted in a crop of the photo.
+    """Compute the pose in the photo's camera of an object fitted in a crop of the photo.
 
-    The generator's camera looks straight at the *object's* centre, wherever the shift then moves the picture. So that
-    camera's axis is the ray through the pixel p = centre + side / 2 · (shift_x, −shift_y), at an angle θ to the photo's
-    axis, and R = R_ray · diag(1, −1, −1) · Rz(roll) Rx(elevation) Ry(azimuth). About this ray a small angle spans
-    f / cos²θ photo pixels along the radius and f / cos θ across it: as a similarity has one scale, their geometric
-    mean. In the photo, the object's bounding sphere spans scale · unit_fraction · side pixels, hence by
-    `distance_by_focal`, with D the diagonal,
+    The generator's camera points at the *object's* centre, wherever the shift then moves the picture. The axis of that
+    camera is the ray through the pixel p = centre + side / 2 · (shift_x, −shift_y), at an angle θ to the photo's axis,
+    and R = R_ray · diag(1, −1, −1) · Rz(roll) Rx(elevation) Ry(azimuth). Around this ray a small angle spans f / cos²θ
+    photo pixels along the radius and f / cos θ across it; a similarity has one scale, their geometric mean. In the
+    photo, the object's bounding sphere spans scale · unit_fraction · side pixels, hence by `distance_by_focal`, with D
+    the diagonal,
 
         t = D · √(1/4 + (f / (scale · unit_fraction · side · cos^{3/2} θ))²),    translation = t · ray.
 
-    Off the axis the photo is stretched, which no similarity can follow: by 1 / cos θ, that is 2 % at 10° and 10 % at
-    25°.
+    Off the axis the photo is stretched by 1 / cos θ, which no similarity can reproduce: 2 % at 10° and 10 % at 25°.
 
     Args:
         azimuth, elevation, roll: (N,) in radians.
         shift: (N, 2) right and up, in half-widths of the picture.
         scale: (N,) above 0.
-        crop: the square that was fitted.
+        crop: the fitted square.
         intrinsics: (3, 3) or (N, 3, 3) of the photo.
         diagonal: of the object's bounding box in metres, a number or (N,).
-        unit_fraction: share of the picture's width that the bounding sphere's silhouette spans, at scale 1.
+        unit_fraction: fraction of the picture's width that the bounding sphere's silhouette spans at scale 1.
 
     Returns:
         rotation (N, 3, 3) and translation (N, 3) in metres: object to camera, OpenCV axes.
+
+    Example:
+        >>> import torch
+        >>> from kfit.geometry import Crop, intrinsics_from_fov, pose_from_crop
+        >>> crop, zero = Crop((319.5, 239.5), side=128), torch.zeros(1)
+        >>> camera = intrinsics_from_fov(640, 480)
+        >>> rotation, translation = pose_from_crop(
+        ...     zero, zero, zero, torch.zeros(1, 2), torch.ones(1), crop, camera, diagonal=0.17
+        ... )
+        >>> translation  # straight ahead
+        tensor([[0.0000, 0.0000, 0.7795]])
     """
     offset = shift * shift.new_tensor([crop.side / 2, -crop.side / 2])
     pixel = offset + shift.new_tensor(crop.centre)
@@ -201,8 +198,16 @@ def diagonal_at(
     intrinsics: Tensor,
     unit_fraction: float = UNIT_FRACTION,
 ) -> Tensor:
-    """Box diagonal (N,) in metres of an object seen at a known distance (N,) along its ray: what `pose_from_crop` must
-    be given to put it there. Arguments as there.
+    """Return the box diagonal (N,) in metres of an object at a known distance (N,) along its ray.
+
+    With this diagonal, `pose_from_crop` places the object at the distance. The other arguments are the same.
+
+    Example:
+        >>> import torch
+        >>> from kfit.geometry import Crop, diagonal_at, intrinsics_from_fov
+        >>> crop, camera = Crop((319.5, 239.5), side=128), intrinsics_from_fov(640, 480)
+        >>> diagonal_at(torch.tensor([0.8]), torch.zeros(1, 2), torch.ones(1), crop, camera)
+        tensor([0.1745])
     """
     one = torch.ones_like(distance)
     zero = torch.zeros_like(distance)
@@ -212,9 +217,15 @@ def diagonal_at(
 
 
 def depth_along(depth: Tensor, pixel: Tensor, intrinsics: Tensor) -> Tensor:
-    """Depth (H, W) along the photo's axis as depth along the ray through a pixel (2,), both in metres.
+    """Convert depth (H, W) along the photo's axis to depth along the ray through a pixel (2,), both in metres.
 
     d = z · r · K⁻¹ (u, v, 1) with r the ray's unit direction.
+
+    Example:
+        >>> import torch
+        >>> from kfit.geometry import depth_along, intrinsics_from_fov
+        >>> depth_along(torch.ones(3, 3), torch.tensor([1.0, 1.0]), intrinsics_from_fov(3, 3))[1]
+        tensor([1., 1., 1.])
     """
     height, width = depth.shape
     v, u = torch.meshgrid(torch.arange(height), torch.arange(width), indexing="ij")
@@ -224,32 +235,25 @@ def depth_along(depth: Tensor, pixel: Tensor, intrinsics: Tensor) -> Tensor:
 
 
 def observed(crop: Crop, image: Any, mask: Any, depth: Any | None, intrinsics: Tensor) -> Observation:
-    """What `Crop.cut` gives, with the crop's camera and, where there is depth (H, W), that along the ray of its middle.
+    """Return the observation of `Crop.cut` with the crop's camera; depth (H, W) becomes depth along its middle ray.
 
-    Errors are those of `Crop.cut`.
+    Raises:
+        TypeError, ValueError: as `Crop.cut`.
+
+    Example:
+        >>> import torch
+        >>> from kfit.geometry import Crop, intrinsics_from_fov, observed
+        >>> mask = torch.zeros(480, 640)
+        >>> mask[200:280, 300:400] = 1
+        >>> photo, camera = torch.rand(480, 640, 3), intrinsics_from_fov(640, 480)
+        >>> observation = observed(Crop.around(mask), photo, mask, None, camera)
+        >>> observation.image.shape, observation.intrinsics.shape
+        (torch.Size([1, 3, 64, 64]), torch.Size([1, 3, 3]))
     """
     along = None if depth is None else depth_along(torch.as_tensor(depth), torch.tensor(crop.centre), intrinsics)
-    return replace(crop.cut(image, mask, along), intrinsics=(crop.image_to_crop @ intrinsics).float()[None])
+    return replace(crop.cut(image, mask, along), intrinsics=(crop.image_to_crop @ intrinsics.double()).float()[None])
 
 
-def _intrinsics(focal: float, width: int, height: int) -> Tensor:
+def intrinsics_of(focal: float, width: int, height: int) -> Tensor:
+    """Return intrinsics (3, 3) of a focal length in pixels, with the principal point at the photo's middle."""
     return torch.tensor([[focal, 0.0, (width - 1) / 2], [0.0, focal, (height - 1) / 2], [0.0, 0.0, 1.0]])
-
-
-def _taken(tags: Mapping[int, Any], width: int, height: int) -> tuple[float, float]:
-    """The longer and the shorter side of the photo as it was taken; what no tag tells is as it is now."""
-    longer, shorter = max(width, height), min(width, height)
-    sides = [side for side in (_number(tags, _PIXELS_X), _number(tags, _PIXELS_Y)) if side is not None]
-    if len(sides) < 2:
-        longest = max(sides, default=longer)
-        return longest, longest * shorter / longer
-    return max(sides), min(sides)
-
-
-def _number(tags: Mapping[int, Any], tag: int) -> float | None:
-    """A tag as a number above 0; cameras write 0, 0/0 and worse for "unknown"."""
-    try:
-        number = float(tags[tag])
-    except (KeyError, TypeError, ValueError, ZeroDivisionError):
-        return None
-    return number if 0 < number < math.inf else None

@@ -1,4 +1,4 @@
-"""What kfit knows about each NOCS category: symmetry, mean size and valid poses, declared once."""
+"""Constants of each NOCS category: symmetry, mean size and valid poses."""
 
 from __future__ import annotations
 
@@ -9,20 +9,26 @@ from kfit.geometry.pose import Symmetry
 
 @dataclass(frozen=True)
 class Category:
-    """A kind of object.
+    """A category of objects.
 
     Attributes:
         name: as NOCS spells it.
         nocs_id: class number in NOCS's files.
-        symmetry: ``"none"``, or ``"y"`` where the object looks the same turned freely about its vertical axis.
+        symmetry: ``"none"``, or ``"y"`` for rotational symmetry about the vertical axis.
         mean_diagonal: mean length of the bounding box's diagonal in metres, over NOCS's CAMERA training set
             (constants of the released code, neural_object_fitting@7309348 eval.py).
-        diagonals: least and largest diagonal in metres of things that exist, from an espresso cup to a litre mug, say.
-        unit_fraction: share of the width of kfit's training pictures that a unit diagonal spans; as large as leaves
-            the category's widest outlines inside.
+        diagonals: least and largest diagonal in metres of real objects, such as an espresso cup and a litre mug.
+        unit_fraction: fraction of the width of kfit's training pictures that a unit diagonal spans, as large as the
+            category's widest outlines allow.
         sides: of a box that holds every object of the category, along NOCS's axes, in diagonals of the object.
-        axes: how the object stands in NOCS's frame; y points up.
-        elevation_deg: range of elevations that photos show.
+        axes: orientation of the object in NOCS's frame; y points up.
+        elevation_deg: range of elevations in photos.
+
+    Example:
+        >>> from kfit.geometry import CATEGORIES
+        >>> mug = CATEGORIES["mug"]
+        >>> mug.axes, mug.mean_diagonal, mug.azimuth_deg
+        ('y up, handle towards +x', 0.17, (-180.0, 180.0))
     """
 
     name: str
@@ -37,7 +43,7 @@ class Category:
 
     @property
     def azimuth_deg(self) -> tuple[float, float]:
-        """Range of azimuths that tell poses apart, the full circle, or one value where all are alike."""
+        """Range of distinguishable azimuths: the full circle, or one value with rotational symmetry."""
         return (0.0, 0.0) if self.symmetry == "y" else (-180.0, 180.0)
 
 

@@ -1,4 +1,4 @@
-"""Many estimates of one object's rotation: which of them agree, what each weighs, how far they spread."""
+"""Agreement, weights and spread of many estimates of one rotation."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from torch import Tensor
 from kfit.core.check import check_positive, check_range
 from kfit.geometry.pose import Symmetry, rotation_error
 
-# Rotations closer than this are one pose, and an estimate weighs exp(−(E − E_best) / (0.1 · E_best)).
+# Rotations closer than this count as one pose, and an estimate weighs exp(−(E − E_best) / (0.1 · E_best)).
 WITHIN_DEG = 20.0
 TEMPERATURE = 0.1
 
@@ -18,16 +18,24 @@ TEMPERATURE = 0.1
 def rotation_clusters(
     rotation: Tensor, energy: Tensor, symmetry: Symmetry = "none", within_deg: float = WITHIN_DEG
 ) -> Tensor:
-    """Number of the cluster (N,) that each of N rotations belongs to.
+    """Return the number (N,) of the cluster of each of N rotations.
 
-    Cluster 0 holds the rotation of lowest energy and all within ``within_deg`` of it, cluster 1 the best of the others
-    and those of the others within ``within_deg`` of it, and so on; so a cluster's best member is at its centre.
+    Cluster 0 holds the rotation of lowest energy and all within ``within_deg`` of it, cluster 1 the best of the
+    remaining rotations and those of them within ``within_deg`` of it, and so on; a cluster's best member is at its
+    centre.
 
     Args:
         rotation: (N, 3, 3) in the same frame.
         energy: (N,), lower is better.
-        symmetry: of the object: with ``"y"`` turns about its vertical axis are the same pose.
-        within_deg: largest distance from the best member.
+        symmetry: of the object; ``"y"`` ignores rotations about its vertical axis.
+        within_deg: largest angle from the best member, in [0°, 180°].
+
+    Example:
+        >>> import torch
+        >>> from kfit.geometry import rotation_clusters, rotation_from_angles
+        >>> azimuth, zero = torch.tensor([0.0, 0.1, 3.0]), torch.zeros(3)
+        >>> rotation_clusters(rotation_from_angles(azimuth, zero, zero), torch.tensor([0.2, 0.3, 0.1]))
+        tensor([1, 1, 0])
     """
     check_range("within_deg", within_deg, 0, 180)
     near = rotation_error(rotation[:, None], rotation[None], symmetry) <= math.radians(within_deg)
@@ -40,9 +48,15 @@ def rotation_clusters(
 
 
 def energy_weights(energy: Tensor, temperature: float = TEMPERATURE) -> Tensor:
-    """Share (N,) of each of N estimates by its energy: exp(−(E − E_min) / (temperature · |E_min|)), summing to 1.
+    """Return normalised weights (N,) of N estimates by energy: exp(−(E − E_min) / (temperature · |E_min|)), with sum 1.
 
-    The temperature is relative, since energies differ from picture to picture by what no pose explains.
+    The temperature is relative, because the part of the energy that no pose explains differs from picture to picture.
+
+    Example:
+        >>> import torch
+        >>> from kfit.geometry import energy_weights
+        >>> energy_weights(torch.tensor([0.20, 0.22, 0.40]))
+        tensor([7.3103e-01, 2.6893e-01, 3.3189e-05])
     """
     check_positive("temperature", temperature)
     best = energy.min()
@@ -50,13 +64,20 @@ def energy_weights(energy: Tensor, temperature: float = TEMPERATURE) -> Tensor:
 
 
 def rotation_spread_deg(rotation: Tensor, weight: Tensor, centre: Tensor, symmetry: Symmetry = "none") -> Tensor:
-    """Weighted angular standard deviation √(Σ w d² / Σ w) in degrees, d the angles of N rotations from a centre.
+    """Return the weighted angular standard deviation √(Σ w d² / Σ w) of N rotations, in degrees.
 
     Args:
         rotation: (N, 3, 3).
         weight: (N,), not all 0.
-        centre: (3, 3).
+        centre: (3, 3), from which the angles d are measured.
         symmetry: of the object; with ``"y"`` d is the angle between vertical axes.
+
+    Example:
+        >>> import torch
+        >>> from kfit.geometry import rotation_from_angles, rotation_spread_deg
+        >>> azimuth, zero = torch.tensor([-0.1, 0.1]), torch.zeros(2)
+        >>> rotation_spread_deg(rotation_from_angles(azimuth, zero, zero), torch.ones(2), torch.eye(3))
+        tensor(5.7296)
     """
     away = rotation_error(centre, rotation, symmetry).rad2deg()
     return ((weight * away.square()).sum() / weight.sum()).sqrt()

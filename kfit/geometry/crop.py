@@ -1,4 +1,4 @@
-"""The square of a photo that a generator explains, and the way between its pixels and the photo's."""
+"""The square of a photo that a generator explains, and the map between its pixels and the photo's."""
 
 from __future__ import annotations
 
@@ -14,26 +14,37 @@ from torch.nn.functional import avg_pool2d, pad
 from kfit.core import Observation
 from kfit.core.check import check_count, check_float, check_list, check_positive, check_range, check_shape
 
-# Leaves the object 77 % of the square, so that its edges and some background weigh in; the released code adds 30 pixels
-# to the box, which for its boxes of some 100 pixels is the same. Shift and scale take up what differs.
+# The object spans 77 % of the square, which leaves its edges and some background. The released code adds 30 pixels to
+# the box, which for its boxes of some 100 pixels is the same. Shift and scale compensate the difference.
 MARGIN = 1.3
-LEAST_KNOWN = 0.25  # of a pixel, for its depth to count
+LEAST_KNOWN = 0.25  # fraction of a pixel with known depth, below which its depth is unknown
 
 
 @dataclass(frozen=True)
 class Crop:
-    """A square of a photo, seen as a picture of ``size`` × ``size`` pixels.
+    """A square of a photo, resampled to a picture of ``size`` × ``size`` pixels.
 
     Pixel centres are at integers in both, so the square spans [centre − side / 2, centre + side / 2] and the picture
     [−1/2, size − 1/2].
 
     Attributes:
-        centre: (x, y) in pixels of the photo; it need not be whole.
+        centre: (x, y) in pixels of the photo; fractions are allowed.
         side: in pixels of the photo.
         size: of the picture in its own pixels.
 
     Raises:
-        TypeError, ValueError: for numbers that are no square.
+        TypeError, ValueError: if a number is not finite, or ``side`` or ``size`` is not above 0.
+
+    Example:
+        >>> import torch
+        >>> from kfit.geometry import Crop
+        >>> mask = torch.zeros(480, 640)
+        >>> mask[200:280, 300:400] = 1
+        >>> crop = Crop.around(mask)
+        >>> crop
+        Crop(centre=(349.5, 239.5), side=130.0, size=64)
+        >>> crop.cut(torch.rand(480, 640, 3), mask).image.shape
+        torch.Size([1, 3, 64, 64])
     """
 
     centre: tuple[float, float]
@@ -47,7 +58,7 @@ class Crop:
 
     @staticmethod
     def around(mask: Any, size: int = 64) -> Crop:
-        """The square around the mask's bounding box, with side 1.3 · max(width, height).
+        """Return the square around the mask's bounding box, with side 1.3 · max(width, height).
 
         Args:
             mask: (H, W) array or tensor, above 1/2 on the object.
@@ -61,7 +72,7 @@ class Crop:
 
     @property
     def crop_to_image(self) -> Tensor:
-        """(3, 3) float64 that takes the picture's pixels (x, y, 1) to the photo's."""
+        """Matrix (3, 3), float64, from the picture's pixels (x, y, 1) to the photo's."""
         step, middle = self.side / self.size, (self.size - 1) / 2
         x, y = self.centre
         rows = [[step, 0, x - step * middle], [0, step, y - step * middle], [0, 0, 1]]
@@ -69,35 +80,35 @@ class Crop:
 
     @property
     def image_to_crop(self) -> Tensor:
-        """(3, 3) float64 that takes the photo's pixels (x, y, 1) to the picture's."""
+        """Matrix (3, 3), float64, from the photo's pixels (x, y, 1) to the picture's."""
         inverse: Tensor = torch.linalg.inv(self.crop_to_image)
         return inverse
 
     def cut(self, image: Any, mask: Any, depth: Any = None) -> Observation:
-        """What a fit is to explain: the object on white ground.
+        """Cut out the object on white background, as an observation.
 
-        Each pixel of the picture is the mean of the part of the photo that it spans, so a large crop is not aliased.
-        Colour c is averaged premultiplied by the mask m, so no background bleeds in: ⟨m c⟩ + 1 − ⟨m⟩. Beyond the
-        photo's border the ground is white and the mask 0. Depth is the mean over what is known of the object, NaN where
-        that is less than a quarter of the pixel.
+        Each pixel of the picture is the mean of the part of the photo that it spans, so large crops are not aliased.
+        Colour c is averaged premultiplied by the mask m, so no background bleeds in: ⟨m c⟩ + 1 − ⟨m⟩. Outside of the
+        photo the background is white and the mask 0. Depth is the mean over known pixels of the object, NaN where they
+        cover less than 0.25 of the pixel.
 
         Args:
             image: (H, W, 3) array or tensor in [0, 1].
             mask: (H, W), 1 on the object; fractions blend.
-            depth: (H, W) in metres, unknown where it is not finite or not above 0.
+            depth: (H, W) in metres; values that are not finite or not above 0 are unknown.
 
         Returns:
-            One problem with image (1, 3, size, size) and mask (1, 1, size, size), and depth where given, float32.
+            One problem with image (1, 3, size, size), mask (1, 1, size, size) and, if passed, depth; float32.
 
         Raises:
-            TypeError, ValueError: if the image is not of floating point, shapes do not fit, or the mask is empty.
+            TypeError, ValueError: if the image is not floating point, shapes do not match, or the mask is empty.
         """
         image, mask = torch.as_tensor(image), torch.as_tensor(mask)
         check_float("image", image)
         check_shape("image", image, ("H", "W", 3))
         check_shape("mask", mask, (image.shape[0], image.shape[1]))
-        # All that is premultiplied is zero outside the mask's box, as is all that a warp finds beyond a border:
-        # so the box alone is warped, however large the photo.
+        # Premultiplied values are 0 outside of the mask's box, like values that a warp reads outside of its input:
+        # warping the box alone gives the same picture, at a cost that does not grow with the photo.
         left, top, right, bottom = _bounds(mask > 0)
         alpha = mask[None, None, top:bottom, left:right].float()
         colour = image[None, top:bottom, left:right].float().movedim(-1, 1)
@@ -109,7 +120,7 @@ class Crop:
             known = away.isfinite() & (away > 0)
             parts += [away.where(known, 0) * alpha, known * alpha]
         pixels = torch.cat(parts, 1)
-        # Where a pixel of the picture spans many of the photo's, blocks an eighth of its size are averaged first.
+        # If a pixel of the picture spans many of the photo's, blocks of 1/8 of its size are averaged first.
         block = max(1, int(self.side / self.size / 8))
         pixels = avg_pool2d(pad(pixels, (0, -(right - left) % block, 0, -(bottom - top) % block)), block)
         finer = max(1, math.ceil(self.side / self.size / block))
@@ -127,7 +138,7 @@ class Crop:
 
 
 def _bounds(mask: Tensor) -> tuple[int, int, int, int]:
-    """Left, top, right and bottom of the object's box, the latter two exclusive."""
+    """Return left, top, right and bottom of the object's box, the latter two exclusive."""
     check_shape("mask", mask, ("H", "W"))
     there = mask > 0.5
     columns, rows = there.any(0).nonzero(), there.any(1).nonzero()

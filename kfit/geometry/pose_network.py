@@ -1,4 +1,4 @@
-"""The contract of networks that read poses off pictures, and the bins of rotations that they share."""
+"""The contract of networks that predict rotations, and the bins of rotations that they share."""
 
 from __future__ import annotations
 
@@ -13,15 +13,23 @@ from kfit.geometry.pose import Symmetry, rotation_from_angles
 
 
 class PoseNetwork(nn.Module, ABC):
-    """Reads off pictures how likely they show their objects at each rotation.
+    """Predicts a distribution over the rotations of the object in a picture.
 
     The rotations are bins: a grid of rolls × azimuths × elevations, R · A · E = B bins in this order, roll first.
 
     Args:
-        rolls, azimuths, elevations: (R,), (A,) and (E,) centres of the bins in radians, rising in even steps. R is 1
-            where the network does not predict roll, A is 1 where the object has the symmetry ``"y"``.
+        rolls, azimuths, elevations: (R,), (A,) and (E,) centres of the bins in radians, increasing in even steps. R is
+            1 if the network does not predict roll, A is 1 if the object has the symmetry ``"y"``.
         symmetry: of the objects.
         sigma: standard deviation in radians of the training targets around the true rotation.
+
+    Example:
+        >>> import torch
+        >>> from kfit.generators import RotationHead
+        >>> head = RotationHead(bin_deg=30, channels=(4, 4), hidden_dim=8).eval()
+        >>> log_probability = head(torch.rand(1, 3, 64, 64))
+        >>> log_probability.shape, head.rotations.shape  # 12 rolls × 12 azimuths × 6 elevations
+        (torch.Size([1, 864]), torch.Size([864, 3, 3]))
     """
 
     rotations: Tensor

@@ -1,4 +1,4 @@
-"""Where a fit starts."""
+"""Initial values of the variables of a fit."""
 
 from kfit.initializers.constant import Constant
 from kfit.initializers.encoder_posterior import EncoderPosterior

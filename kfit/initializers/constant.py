@@ -1,4 +1,4 @@
-"""The same value for every start."""
+"""One value for all starts, with optional noise."""
 
 from __future__ import annotations
 
@@ -13,20 +13,25 @@ from kfit.core.check import check_dict, check_names, check_range
 
 
 class Constant(Initializer):
-    """Starts each variable at one value, or about it.
+    """Start each variable at one value, or scattered around it.
 
     Args:
         values: by variable; a number fills the variable's whole shape, a list must match it.
-        spread: standard deviation of the starts but the first, by variable, as steps in the variable's space: in
-            half-turns for angles and rotations, in logarithms for positive numbers; 0 for variables not named.
+        spread: standard deviation of all starts but the first, by variable, as steps in the variable's space:
+            half-turns for angles and rotations, logarithms for positive numbers; 0 for variables not named.
 
     Raises:
-        TypeError, ValueError: for values that are not finite numbers, a spread below 0 or of a variable that has no
-            value here and, when it is called, a value of another shape than its variable.
+        TypeError, ValueError: if a value is not finite, if a spread is below 0 or of a variable that has no value here,
+            and, when called, if a value has another shape than its variable.
 
     Example:
-        >>> Constant({"roll": 0.0, "scale": 1.0}, spread={"roll": 0.1}).on
-        ('roll', 'scale')
+        >>> import torch
+        >>> from kfit.core import Observation, Positive, Variable
+        >>> from kfit.initializers import Constant
+        >>> start = Constant({"scale": 1.0}, spread={"scale": 0.1})
+        >>> observation, rng = Observation(torch.ones(1, 3, 64, 64)), torch.Generator().manual_seed(0)
+        >>> start({"scale": Variable((), Positive())}, observation, 3, [rng])["scale"]
+        tensor([1.0000, 0.9711, 0.8042])
     """
 
     def __init__(self, values: dict[str, float | list[float]], spread: dict[str, float] | None = None) -> None:
@@ -58,7 +63,7 @@ class Constant(Initializer):
 def scattered(
     values: Tensor, variable: Variable, spread: float, num_starts: int, rngs: Sequence[torch.Generator]
 ) -> Tensor:
-    """Values (B · S, \\*shape) about B values: after steps of spread · ε, ε ~ N(0, 1), but of the first start none."""
+    """Scatter B values into (B · S, \\*shape) by steps of spread · ε, ε ~ N(0, 1); the first starts stay."""
     space, shape = variable.space, variable.raw_shape
     noise = torch.stack([torch.randn(num_starts, *shape, generator=rng, dtype=torch.float32) for rng in rngs]).to(
         values
@@ -69,7 +74,7 @@ def scattered(
 
 
 def _check_finite(name: str, value: Any) -> None:
-    """Refuse what is no finite number, nor a list or tensor of such."""
+    """Refuse anything but finite numbers and lists or tensors of them."""
     if isinstance(value, Tensor | list | tuple):
         for one in value.flatten().tolist() if isinstance(value, Tensor) else value:
             _check_finite(name, one)

@@ -1,4 +1,4 @@
-"""Codes drawn from what an encoder thinks of the picture."""
+"""Codes drawn from an encoder's distribution for the picture."""
 
 from __future__ import annotations
 
@@ -12,14 +12,27 @@ from kfit.core.check import check_range, check_text
 
 
 class EncoderPosterior(Initializer):
-    """Draws the code from the Gaussian that an encoder gives for the observed picture (paper, section 3.3).
+    """Draw the code from the Gaussian that an encoder predicts for the observed picture (paper, section 3.3).
 
     z = μ(I) + spread · σ(I) · ε, ε ~ N(0, 1); the first start of each problem takes the mean.
 
     Args:
         encoder: image (B, C, H, W) → mean and log-variance, (B, D) each.
-        on: the variable.
-        spread: factor on the standard deviation; 0 starts all at the mean.
+        on: name of the variable.
+        spread: factor of the standard deviation; 0 starts all rows at the mean.
+
+    Raises:
+        ValueError: if ``spread`` is below 0.
+
+    Example:
+        >>> import torch
+        >>> from kfit.core import Observation, Variable
+        >>> from kfit.generators import ConvEncoder
+        >>> from kfit.initializers import EncoderPosterior
+        >>> start = EncoderPosterior(ConvEncoder(code_dim=8))
+        >>> observation, rng = Observation(torch.rand(1, 3, 64, 64)), torch.Generator().manual_seed(0)
+        >>> start({"code": Variable((8,))}, observation, 4, [rng])["code"].shape
+        torch.Size([4, 8])
     """
 
     def __init__(self, encoder: Encoder, on: str = "code", spread: float = 1.0) -> None:

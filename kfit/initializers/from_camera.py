@@ -1,4 +1,4 @@
-"""How long the lens of the photo is."""
+"""The focal length of a known camera."""
 
 from __future__ import annotations
 
@@ -10,13 +10,22 @@ from kfit.core import Initializer, Observation, Variable, Variables
 
 
 class FromCamera(Initializer):
-    """Sets ``focal``, the focal length over the picture's width, by the observation's intrinsics.
+    """Set ``focal``, the focal length over the picture's width, from the observation's intrinsics.
 
-    φ = (f_x + f_y) / 2 / W. With it, what `kfit.generators.SimilarityWarp` draws of a generator that has a ``focal``
-    has the photo's own perspective.
+    φ = (f_x + f_y) / 2 / W. A generator with a ``focal`` in a `kfit.generators.SimilarityWarp` then draws with the
+    photo's own perspective.
 
     Raises:
-        ValueError: when it is called, for an observation without intrinsics.
+        ValueError: when called, if the observation has no intrinsics.
+
+    Example:
+        >>> import torch
+        >>> from kfit.core import Observation, Positive, Variable
+        >>> from kfit.geometry import intrinsics_from_fov
+        >>> from kfit.initializers import FromCamera
+        >>> observation = Observation(torch.ones(1, 3, 64, 64), intrinsics=intrinsics_from_fov(64, 64, 60)[None])
+        >>> FromCamera()({"focal": Variable((), Positive())}, observation, 2, [])["focal"]
+        tensor([0.8660, 0.8660])
     """
 
     on = ("focal",)

@@ -1,4 +1,4 @@
-"""Where a segmentation saw the object."""
+"""The position of the object from its mask."""
 
 from __future__ import annotations
 
@@ -11,14 +11,23 @@ from kfit.core import Initializer, Observation, Variable, Variables
 
 
 class FromMask(Initializer):
-    """Starts `kfit.generators.SimilarityWarp`'s shift at the middle of the observed mask's box.
+    """Start the shift of `kfit.generators.SimilarityWarp` at the middle of the observed mask's bounding box.
 
-    For pictures that are not cut out around their object; in those that are, it starts within a pixel of 0. The box
-    holds the pixels with a mask above ½; shifts are in half-widths of the picture, right and up. An empty mask starts
+    It serves pictures that are not cropped around their object; in cropped ones it starts within a pixel of 0. The box
+    holds the pixels with a mask above 1/2. Shifts are in half-widths of the picture, right and up. An empty mask starts
     at 0.
 
     Raises:
-        ValueError: when it is called, for an observation without a mask.
+        ValueError: when called, if the observation has no mask.
+
+    Example:
+        >>> import torch
+        >>> from kfit.core import Observation, Variable
+        >>> from kfit.initializers import FromMask
+        >>> mask = torch.zeros(1, 1, 64, 64)
+        >>> mask[..., 0:16, 48:64] = 1  # the upper right corner
+        >>> FromMask()({"shift": Variable((2,))}, Observation(torch.ones(1, 3, 64, 64), mask), 1, [])["shift"]
+        tensor([[0.7500, 0.7500]])
     """
 
     on = ("shift",)
@@ -38,7 +47,7 @@ class FromMask(Initializer):
 
 
 def _middle(seen: Tensor) -> Tensor:
-    """(N, L) → (N,) middle between the first and the last that is seen, in pixels from the middle of all."""
+    """Return the middle (N,) between the first and the last set pixel of (N, L), in pixels from the centre."""
     length = seen.shape[1]
     first, last = seen.int().argmax(1), length - 1 - seen.int().flip(1).argmax(1)
     return torch.where(seen.any(1), (first + last + 1 - length) / 2, 0.0)

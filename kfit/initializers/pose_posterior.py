@@ -1,4 +1,4 @@
-"""Poses that a network thinks likely for the picture."""
+"""Rotations at the peaks of a pose network's distribution."""
 
 from __future__ import annotations
 
@@ -14,27 +14,37 @@ from kfit.geometry import angles_from_rotation, rotation_from_angles
 from kfit.geometry.pose_network import PoseNetwork
 from kfit.initializers.sphere_grid import GOLDEN_ANGLE
 
-# Steps down in log-probability: a bin near a start comes after all that are free, a start's own bin last.
+# Penalties in log-probability: bins near a start come after all free bins, and bins that hold a start come last.
 NEAR, TAKEN = 1e4, 1e8
 # Bins within this many standard deviations of a peak are averaged.
 AROUND = 3.0
 
 
 class PosePosterior(Initializer):
-    """Sets azimuth, elevation and roll at the peaks of a network's distribution over rotations.
+    """Set azimuth, elevation and roll at the peaks of a network's distribution over rotations.
 
     The first start is the likeliest bin, the next the likeliest of those at least ``apart_deg`` from it, and so on
-    (greedy non-maximum suppression); when no bin is left, the next round takes bins between. A start lies at the mean
-    rotation of the bins within 3 σ of its peak, weighted by their probabilities: the rotation nearest to the weighted
-    mean of the matrices (Markley et al., "Averaging quaternions", 2007). Where azimuth is free, the vertical axes are
-    averaged instead, and the starts' azimuths lie a golden angle apart.
+    (greedy non-maximum suppression). When no bin is left, the next round takes bins in between. A start lies at the
+    mean rotation of the bins within 3 σ of its peak, weighted by their probabilities: the rotation nearest to the
+    weighted mean of the matrices (Markley et al., "Averaging quaternions", 2007). If azimuth is free, the vertical axes
+    are averaged instead, and the starts' azimuths lie a golden angle apart.
 
     Args:
         head: image (B, 3, S, S) → log-probabilities of rotations.
-        apart_deg: least angle between two peaks.
+        apart_deg: least angle between two peaks, in [0°, 180°].
 
     Raises:
-        ValueError: for an angle outside 0° to 180°.
+        ValueError: if ``apart_deg`` is outside [0°, 180°].
+
+    Example:
+        >>> import torch
+        >>> from kfit.core import Observation
+        >>> from kfit.generators import PoseHead
+        >>> from kfit.initializers import PosePosterior
+        >>> start = PosePosterior(PoseHead(channels=(4, 4), hidden_dim=8))
+        >>> found = start({}, Observation(torch.rand(2, 3, 64, 64)), 5, [])
+        >>> {name: tuple(value.shape) for name, value in found.items()}
+        {'azimuth': (10,), 'elevation': (10,), 'roll': (10,)}
     """
 
     on = ("azimuth", "elevation", "roll")
@@ -62,8 +72,8 @@ class PosePosterior(Initializer):
         return {"azimuth": azimuth, "elevation": elevation, "roll": roll}
 
     def _peaks(self, log_probability: Tensor, num_starts: int) -> Tensor:
-        """Bins (B · S,) of the starts, those of a problem best first."""
-        # Bins near the poles are small, so density decides.
+        """Return the bins (B · S,) of the starts, the likeliest of each problem first."""
+        # Bins near the poles are small, so densities are compared.
         score, picked = (log_probability - self.head.log_volume).double(), []
         for _ in range(num_starts):
             best = score.argmax(1)
@@ -74,7 +84,7 @@ class PosePosterior(Initializer):
         return torch.stack(picked, 1).flatten()
 
     def _means(self, log_probability: Tensor, peaks: Tensor) -> Tensor:
-        """Rotations (B · S, 3, 3) around the peaks."""
+        """Return the mean rotations (B · S, 3, 3) around the peaks."""
         rotations = self.head.rotations
         probability = log_probability.double().exp().repeat_interleave(len(peaks) // len(log_probability), 0)
         near = self.head.one_minus_cosine(rotations[peaks]) < 1 - math.cos(AROUND * self.head.sigma)
@@ -91,7 +101,7 @@ class PosePosterior(Initializer):
 
 
 def _with_axis(axis: Tensor) -> Tensor:
-    """Rotations (N, 3, 3) of azimuth 0 whose vertical axes point along (N, 3)."""
+    """Return rotations (N, 3, 3) of azimuth 0 whose vertical axes point along (N, 3)."""
     x, y, z = axis.unbind(1)
     roll = torch.atan2(-x, y)
     elevation = torch.atan2(z, torch.hypot(x, y))

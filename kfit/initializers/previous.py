@@ -1,4 +1,4 @@
-"""Where the last picture's fit ended."""
+"""The answer of an earlier fit."""
 
 from __future__ import annotations
 
@@ -12,20 +12,35 @@ from kfit.initializers.constant import scattered
 
 
 class Previous(Initializer):
-    """Starts at an earlier fit's answer, such as the frame before in a video.
+    """Start at the answer of an earlier fit, such as that of the previous frame of a video.
 
     A start is the answer after a step of spread · ε, ε ~ N(0, 1), in the variable's space; the first start of each
-    problem takes the answer itself.
+    problem is the answer itself.
 
     Args:
-        result: of as many problems as will be fitted, problem by problem the same objects.
-        on: the variables to take over; all unless given.
-        spread: standard deviation of the other starts by variable, where the optimizer walks: in half-turns for
-            angles, in logarithms for positive numbers; 0 for variables not named.
+        result: an earlier fit of the same problems, in the same order.
+        on: the variables to take over; all by default.
+        spread: standard deviation of the other starts by variable, in raw units: half-turns for angles, logarithms for
+            positive numbers; 0 for variables not named.
 
     Raises:
-        ValueError: for names that the result does not have, a spread of a variable not taken over or below 0, an
-            answer that is not finite and, when it is called, another number of problems.
+        ValueError: if a name is not in the result, a spread is below 0 or of a variable not taken over, the answer is
+            not finite or, when called, the number of problems differs.
+
+    Example:
+        >>> import torch, kfit
+        >>> from kfit.core import Observation
+        >>> from kfit.energies import L2
+        >>> from kfit.generators import Template
+        >>> from kfit.initializers import Constant, Previous
+        >>> from kfit.optimizers import GaussNewton
+        >>> template, move = Template(torch.rand(1, 8, 8), "translation"), GaussNewton({"shift": 0.02})
+        >>> first, second = (Observation(torch.rand(1, 1, 8, 8)) for _ in range(2))
+        >>> fit = kfit.FitPipeline(template, {"l2": L2()}, [Constant({"shift": 0.0})], move, num_starts=1)
+        >>> start = Previous(fit(first), spread={"shift": 0.05})
+        >>> next_fit = kfit.FitPipeline(template, {"l2": L2()}, [start], move, num_starts=4)
+        >>> next_fit(second).values["shift"].shape
+        torch.Size([1, 2])
     """
 
     def __init__(

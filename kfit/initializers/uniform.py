@@ -1,4 +1,4 @@
-"""Random starts, even between bounds."""
+"""Uniformly random starts."""
 
 from __future__ import annotations
 
@@ -11,14 +11,22 @@ from kfit.core.check import check_range, check_text
 
 
 class Uniform(Initializer):
-    """Draws each number of a variable evenly from [low, high), independently for each start.
+    """Draw each number of a variable uniformly from [low, high), independently for each start.
 
     Args:
-        on: the variable.
-        low, high: bounds in the units of its values (radians for angles).
+        on: name of the variable.
+        low, high: bounds in the unit of its values (radians for angles).
 
     Raises:
         ValueError: if ``low`` is above ``high``.
+
+    Example:
+        >>> import torch
+        >>> from kfit.core import Angle, Observation, Variable
+        >>> from kfit.initializers import Uniform
+        >>> start, rng = Uniform("roll", -0.1, 0.1), torch.Generator().manual_seed(0)
+        >>> start({"roll": Variable((), Angle())}, Observation(torch.ones(1, 3, 64, 64)), 3, [rng])["roll"]
+        tensor([-0.0007,  0.0536, -0.0823])
     """
 
     def __init__(self, on: str, low: float, high: float) -> None:

@@ -1,4 +1,4 @@
-"""What is reported and never minimised."""
+"""Metrics, which are reported and never minimised."""
 
 from kfit.metrics.average_precision import average_precision
 from kfit.metrics.box_iou import BoxIoU, axis_aligned_iou, best_iou, nocs_iou, oriented_iou

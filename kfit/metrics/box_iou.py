@@ -1,4 +1,4 @@
-"""Overlap of two oriented boxes: as the public NOCS evaluators compute it, of their hulls, and exactly."""
+"""Intersection over union of two oriented boxes: as the public NOCS evaluators compute it, of hulls, and exact."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from kfit.core.check import check_choice
 Array = NDArray[np.floating]
 BoxIoU = Literal["nocs", "axis_aligned", "oriented"]
 
-# How many turns about y the evaluators try for an object that looks the same from all sides.
+# Number of rotations about y that the evaluators try for an object with rotational symmetry.
 NUM_TURNS = 20
 _EDGES = tuple((i, i | 1 << k) for k in range(3) for i in range(8) if not i & 1 << k)
 
 
 def nocs_iou(pose_a: Array, size_a: Array, pose_b: Array, size_b: Array) -> NDArray[np.float64]:
-    """Overlap as NOCS's compute_3d_iou_new and object-deformnet's compute_3d_IoU have it.
+    """Compute the IoU of NOCS's compute_3d_iou_new and object-deformnet's compute_3d_IoU.
 
-    Both mean boxes along the camera's axes, yet take their maxima over the three coordinates of each corner instead of
-    over the corners (hughw19/NOCS_CVPR2019 issue 47). With c_i the smallest and C_i the largest coordinate of corner i,
-    the "box" is the product of the eight intervals [c_i, C_i]. Published figures rest on it: use it to compare with
-    them, and `axis_aligned_iou` or `oriented_iou` to learn how well boxes overlap. It can be 0 for boxes that overlap
-    and changes as the camera moves.
+    Both intend boxes along the camera's axes, but take their maxima over the three coordinates of each corner instead
+    of over the corners (hughw19/NOCS_CVPR2019 issue 47). With c_i the smallest and C_i the largest coordinate of corner
+    i, the "box" is the product of the eight intervals [c_i, C_i]. Published figures use it: compare with them by this
+    function, and measure the overlap of boxes by `axis_aligned_iou` or `oriented_iou`. It can be 0 for boxes that
+    overlap, and depends on the camera.
 
     Args:
         pose_a: (…, 4, 4) similarities from object to camera.
@@ -34,26 +34,62 @@ def nocs_iou(pose_a: Array, size_a: Array, pose_b: Array, size_b: Array) -> NDAr
         size_a, size_b: (3,) extents of the boxes in the objects' units.
 
     Returns:
-        (…) in [0, 1], or NaN where a pose is not finite.
+        (…) in [0, 1], or NaN if a pose is not finite.
+
+    Example:
+        >>> import numpy as np
+        >>> from kfit.metrics import nocs_iou
+        >>> pose, moved, cube = np.eye(4), np.eye(4), np.ones(3)
+        >>> moved[0, 3] = 0.5  # by half of a side
+        >>> round(float(nocs_iou(pose, cube, moved, cube)), 3)
+        0.0
     """
     return _interval_iou(corners(pose_a, size_a), corners(pose_b, size_b), axis=-2)
 
 
 def axis_aligned_iou(pose_a: Array, size_a: Array, pose_b: Array, size_b: Array) -> NDArray[np.float64]:
-    """Overlap of the boxes' hulls along the camera's axes: what the evaluators above mean to compute.
+    """Compute the IoU of the boxes' hulls along the camera's axes, which the NOCS evaluators intend.
 
-    Args and returns as `nocs_iou`.
+    Args:
+        pose_a: (…, 4, 4) similarities from object to camera.
+        pose_b: (4, 4).
+        size_a, size_b: (3,) extents of the boxes in the objects' units.
+
+    Returns:
+        (…) in [0, 1], or NaN if a pose is not finite.
+
+    Example:
+        >>> import numpy as np
+        >>> from kfit.metrics import axis_aligned_iou
+        >>> pose, moved, cube = np.eye(4), np.eye(4), np.ones(3)
+        >>> moved[0, 3] = 0.5  # by half of a side
+        >>> round(float(axis_aligned_iou(pose, cube, moved, cube)), 3)
+        0.333
     """
     return _interval_iou(corners(pose_a, size_a), corners(pose_b, size_b), axis=-1)
 
 
 def oriented_iou(pose_a: Array, size_a: Array, pose_b: Array, size_b: Array) -> NDArray[np.float64]:
-    """Exact volume of intersection over volume of union of two oriented boxes.
+    """Compute the exact IoU of two oriented boxes.
 
-    A vertex of the intersection ends the part of an edge of one box that lies in the other, so the intersection is the
-    convex hull of these ends.
+    The vertices of the intersection are the ends of the parts of one box's edges inside of the other, so the
+    intersection is their convex hull.
 
-    Args and returns as `nocs_iou`; 0 where the boxes do not meet or one has no volume.
+    Args:
+        pose_a: (…, 4, 4) similarities from object to camera.
+        pose_b: (4, 4).
+        size_a, size_b: (3,) extents of the boxes in the objects' units.
+
+    Returns:
+        (…) in [0, 1]; 0 if the boxes do not intersect or one has no volume, NaN if a pose is not finite.
+
+    Example:
+        >>> import numpy as np
+        >>> from kfit.metrics import oriented_iou
+        >>> pose, moved, cube = np.eye(4), np.eye(4), np.ones(3)
+        >>> moved[0, 3] = 0.5  # by half of a side
+        >>> round(float(oriented_iou(pose, cube, moved, cube)), 3)
+        0.333
     """
     found = [_oriented_iou(pose, size_a, pose_b, size_b) for pose in pose_a.reshape(-1, 4, 4)]
     return np.array(found).reshape(pose_a.shape[:-2])
@@ -63,15 +99,24 @@ _BY_KIND = {"nocs": nocs_iou, "axis_aligned": axis_aligned_iou, "oriented": orie
 
 
 def best_iou(kind: BoxIoU, pose_a: Array, size_a: Array, pose_b: Array, size_b: Array, symmetric: bool) -> float:
-    """Overlap of two boxes, where ``symmetric`` the largest while box a makes a full turn about its y in 20 steps.
+    """Compute the IoU of two boxes; if ``symmetric``, the largest over 20 rotations of box a about its y axis.
 
     Args:
         kind: ``"nocs"``, ``"axis_aligned"`` or ``"oriented"``.
         pose_a, pose_b: (4, 4) similarities from object to camera.
         size_a, size_b: (3,) extents of the boxes in the objects' units.
+        symmetric: whether object a has rotational symmetry about y.
 
     Raises:
-        ValueError: for a kind of another name.
+        ValueError: if the kind is unknown.
+
+    Example:
+        >>> import numpy as np
+        >>> from kfit.metrics import best_iou
+        >>> turn = np.array([[0.8, 0, 0.6, 0], [0, 1, 0, 0], [-0.6, 0, 0.8, 0], [0, 0, 0, 1]])
+        >>> cube = np.ones(3)
+        >>> [round(best_iou("oriented", turn, cube, np.eye(4), cube, symmetric), 2) for symmetric in (False, True)]
+        [0.71, 0.99]
     """
     check_choice("kind", kind, _BY_KIND)
     with np.errstate(all="ignore"):
@@ -82,8 +127,8 @@ def best_iou(kind: BoxIoU, pose_a: Array, size_a: Array, pose_b: Array, size_b: 
 
 
 def corners(pose: Array, size: Array) -> Array:
-    """The eight corners (…, 3, 8) of a box of extents ``size`` (3,) about the origin, under transforms (…, 4, 4)."""
-    # The evaluators' order of corners and of operations: rounding depends on it.
+    """Return the eight corners (…, 3, 8) of a box of ``size`` (3,) about the origin, under transforms (…, 4, 4)."""
+    # Rounding depends on the order of corners and operations, which is the evaluators'.
     signs = np.array([[1 - 2 * (i >> k & 1) for i in range(8)] for k in (1, 2, 0)], dtype=size.dtype)
     moved = pose @ np.vstack([signs * size[:, None] / 2, np.ones((1, 8), dtype=np.float32)])
     here: Array = moved[..., :3, :] / moved[..., 3:, :]
@@ -99,7 +144,7 @@ _TURNS = np.stack([_turn(2 * math.pi * i / float(NUM_TURNS)) for i in range(NUM_
 
 
 def _interval_iou(a: Array, b: Array, axis: int) -> NDArray[np.float64]:
-    """Overlap of two products of intervals: the ranges of (…, 3, 8) corners along ``axis``."""
+    """Return the IoU of two products of intervals: the ranges of (…, 3, 8) corners along ``axis``."""
     low_a, high_a, low_b, high_b = a.min(axis), a.max(axis), b.min(axis), b.max(axis)
     shared = np.minimum(high_a, high_b) - np.maximum(low_a, low_b)
     intersection = np.where(shared.min(-1) < 0, 0, np.prod(shared, -1))
@@ -120,17 +165,17 @@ def _oriented_iou(pose_a: Array, size_a: Array, pose_b: Array, size_b: Array) ->
     ends = np.concatenate([_clipped_edges(a, pose_b, size_b), _clipped_edges(b, pose_a, size_a)])
     try:
         shared = float(ConvexHull(ends).volume)
-    except (QhullError, ValueError):  # fewer than four points, or all in a plane: the boxes touch at most
+    except (QhullError, ValueError):  # fewer than four points, or all in a plane: no common volume
         return 0.0
     return min(1.0, shared / (volume_a + volume_b - shared))
 
 
 def _clipped_edges(points: Array, pose: Array, size: Array) -> NDArray[np.float64]:
-    """Ends (M, 3) of what a box leaves of another's edges, by the slab method in the former's frame."""
+    """Return the ends (M, 3) of the parts of a box's edges inside of another box, by the slab method."""
     inverse = np.linalg.inv(pose.astype(np.float64))
     local = points @ inverse[:3, :3].T + inverse[:3, 3]
     start, along = np.array([[local[i], local[j] - local[i]] for i, j in _EDGES]).transpose(1, 0, 2)
-    # The margin lets faces of both boxes lie in one plane, up to rounding.
+    # The margin tolerates rounding if faces of both boxes lie in one plane.
     half = size.astype(np.float64) / 2 + 1e-12 * float(np.linalg.norm(size))
     still = along == 0
     step = np.where(still, 1.0, along)

@@ -1,4 +1,4 @@
-"""Which prediction has found which object, as the public NOCS evaluators decide it."""
+"""Matches of predictions and objects, as in the public NOCS evaluators."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from kfit.metrics.nocs_objects import Predictions, Truths
 
 
 def iou_table(kind: BoxIoU, predictions: Predictions, truths: Truths) -> NDArray[np.float32]:
-    """Overlaps (P, T) of predictions and objects of one category, in single precision as published."""
+    """Return IoUs (P, T) of predictions and objects of one category, in single precision as published."""
     table = np.zeros((len(predictions.scores), len(truths.poses)), np.float32)
     for i, (pose, size) in enumerate(zip(predictions.poses, predictions.sizes, strict=True)):
         for j in range(table.shape[1]):
@@ -23,16 +23,15 @@ def iou_table(kind: BoxIoU, predictions: Predictions, truths: Truths) -> NDArray
 def match_by_iou(
     overlaps: NDArray[np.float32], thresholds: Sequence[float]
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Each prediction in turn takes the free object of largest overlap, if the overlap exceeds the threshold.
+    """Match each prediction in turn to the free object of largest IoU above the threshold.
 
     Args:
-        overlaps: (P, T), the surest prediction first.
+        overlaps: (P, T), predictions by decreasing score.
         thresholds: K of them.
 
     Returns:
-        which predictions (K, P) and which objects (K, T) are matched. As published, an overlap that equals the
-        threshold is no match and does not end the search; objects of equal overlap are tried in the reversed order of
-        NumPy's default sort.
+        Matched predictions (K, P) and matched objects (K, T). As published, an IoU equal to the threshold is no match
+        and does not end the search; objects of equal IoU are tried in the reversed order of NumPy's default sort.
     """
     limits = np.asarray(thresholds, np.float64)
     num_predictions, num_truths = overlaps.shape
@@ -53,11 +52,11 @@ def match_by_iou(
 
 
 def pose_errors(predictions: Predictions, truths: Truths) -> NDArray[np.float64]:
-    """Rotation errors in degrees and translation errors in centimetres (P, T, 2).
+    """Return rotation errors in degrees and translation errors in centimetres (P, T, 2).
 
     θ = arccos((tr(R̂ Rᵀ) − 1) / 2), or the angle between the vertical axes of an object that is ``symmetric``; R is the
-    linear part over the cube root of its determinant. As NOCS's compute_RT_degree_cm_symmetry does, the arc cosine is
-    not clipped: where rounding leaves its domain, at 0° and at 180°, the error is NaN, which passes every threshold.
+    linear part over the cube root of its determinant. As in NOCS's compute_RT_degree_cm_symmetry, the arc cosine is not
+    clipped: if rounding leaves its domain, at 0° and at 180°, the error is NaN, which passes every threshold.
     Predictions without a pose get infinite errors.
     """
     errors = np.full((len(predictions.scores), len(truths.poses), 2), np.inf)
@@ -79,14 +78,14 @@ def pose_errors(predictions: Predictions, truths: Truths) -> NDArray[np.float64]
 
 
 def match_by_pose(errors: NDArray[np.float64], degrees: Sequence[float], shifts: Sequence[float]) -> NDArray[np.bool_]:
-    """Each prediction in turn takes the free object of smallest error, degrees plus centimetres, within the thresholds.
+    """Match each prediction in turn to the free object of smallest error within the thresholds.
 
     Args:
-        errors: (P, T, 2), the surest prediction first.
-        degrees, shifts: D and S thresholds, themselves within bounds.
+        errors: (P, T, 2), predictions by decreasing score; degrees and centimetres are added.
+        degrees, shifts: D and S thresholds, inclusive.
 
     Returns:
-        which predictions (D, S, P) are matched.
+        Matched predictions (D, S, P).
     """
     limits = np.asarray(degrees, np.float64)[:, None], np.asarray(shifts, np.float64)[None]
     num_predictions, num_truths = errors.shape[:2]

@@ -1,4 +1,4 @@
-"""What a NOCS result says of one image: objects and predictions of a category, checked."""
+"""Objects and predictions of a category in the NOCS result of one image, checked."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _LAST_ROW = (0, 0, 0, 1)
 
 @dataclass(frozen=True)
 class Truths:
-    """Objects of one category: poses (T, 4, 4), sizes (T, 3), and which look the same from all sides (T,)."""
+    """Objects of one category: poses (T, 4, 4), sizes (T, 3), and whether they have rotational symmetry (T,)."""
 
     poses: Array
     sizes: Array
@@ -29,7 +29,7 @@ class Truths:
 
 @dataclass(frozen=True)
 class Predictions:
-    """Predictions of one category: poses (P, 4, 4), sizes (P, 3), scores (P,); ``valid`` where there is a pose."""
+    """Predictions of one category: poses (P, 4, 4), sizes (P, 3), scores (P,); ``valid`` if there is a pose."""
 
     poses: Array
     sizes: Array
@@ -41,15 +41,21 @@ class Predictions:
 
 
 def nocs_symmetry(category: str, handle_visible: bool = True) -> Symmetry:
-    """``"y"`` for what NOCS's evaluation lets turn freely: bottle, bowl, can, and a mug whose handle is hidden."""
+    """Return ``"y"`` for rotational symmetry in NOCS's evaluation: bottle, bowl, can, and a mug whose handle is hidden.
+
+    Example:
+        >>> from kfit.metrics import nocs_symmetry
+        >>> nocs_symmetry("mug"), nocs_symmetry("mug", handle_visible=False)
+        ('none', 'y')
+    """
     return "y" if category == "mug" and not handle_visible else CATEGORIES[category].symmetry
 
 
 def class_ids(result: Mapping[str, Any], who: str) -> NDArray[np.int64]:
-    """Class numbers (N,) of ``gt`` or ``pred``.
+    """Return the class numbers (N,) of ``gt`` or ``pred``.
 
     Raises:
-        ValueError: if there are none in the result, or they are no list of numbers.
+        ValueError: if the result has none, or they are not a list of numbers.
     """
     key = f"{who}_class_ids"
     ids = np.asarray(_get(result, key))
@@ -59,10 +65,10 @@ def class_ids(result: Mapping[str, Any], who: str) -> NDArray[np.int64]:
 
 
 def truths_of(result: Mapping[str, Any], category: Category) -> Truths:
-    """Objects of a category. Handles count as visible where ``gt_handle_visibility`` is missing.
+    """Return the objects of a category. Handles count as visible if ``gt_handle_visibility`` is missing.
 
     Raises:
-        ValueError: if the result lacks something or its shape is another.
+        ValueError: if a key is missing in the result, or has another shape.
     """
     ids = class_ids(result, "gt")
     poses = _array(result, "gt_RTs", (len(ids), 4, 4))
@@ -77,13 +83,15 @@ def truths_of(result: Mapping[str, Any], category: Category) -> Truths:
 
 
 def predictions_of(result: Mapping[str, Any], category: Category, poses: str = "pred_RTs") -> Predictions:
-    """Predictions of a category, the surest first; a pose that is all 0 or not finite counts as none.
+    """Return the predictions of a category by decreasing score; a pose that is all 0 or not finite is no pose.
 
     Args:
+        result: of one image.
+        category: of the predictions.
         poses: key of the poses.
 
     Raises:
-        ValueError: if the result lacks something or its shape is another.
+        ValueError: if a key is missing in the result, or has another shape.
     """
     ids = class_ids(result, "pred")
     found = _array(result, poses, (len(ids), 4, 4))
@@ -92,20 +100,28 @@ def predictions_of(result: Mapping[str, Any], category: Category, poses: str = "
     scores = _array(result, "pred_scores", (len(ids),))
     rows = ids == category.nocs_id
     chosen = Predictions(found[rows], _array(result, "pred_scales", (len(ids), 3))[rows], scores[rows], valid[rows])
-    # Not a stable sort: ties fall as they do in the published evaluators.
+    # The sort is not stable, so that ties equal those of the published evaluators.
     return chosen[np.argsort(chosen.scores)[::-1]]
 
 
 def scale_agnostic(result: Mapping[str, Any]) -> dict[str, Any]:
-    """The result with every object and prediction drawn towards the camera until its box's diagonal is 1.
+    """Return the result with every object and prediction scaled such that its box's diagonal is 1.
 
-    A colour picture cannot tell a small near object from a large far one. Dividing the similarity [s R | t] by
-    d = s · ‖size‖ keeps the picture and leaves translation errors ‖t̂ / d̂ − t / d‖ in diagonals of the object and
-    overlaps that are free of scale: "10° 0.2d" and "NIoU" as RGB-only methods report them (DMSR, ICRA 2024; LaPose,
-    ECCV 2024). A threshold of x cm then means x % of the diagonal.
+    A colour picture cannot distinguish a small near object from a large far one. Dividing the similarity [s R | t] by
+    d = s · ‖size‖ keeps the picture, and gives translation errors ‖t̂ / d̂ − t / d‖ in diagonals of the object and IoUs
+    that do not depend on scale: "10° 0.2d" and "NIoU" as RGB-only methods report them (DMSR, ICRA 2024; LaPose, ECCV
+    2024). A threshold of x cm then means x % of the diagonal.
 
     Raises:
-        ValueError: if the result lacks something or its shape is another.
+        ValueError: if a key is missing in the result, or has another shape.
+
+    Example:
+        >>> import numpy as np
+        >>> from kfit.metrics import scale_agnostic
+        >>> result = {"gt_class_ids": [6], "gt_RTs": np.diag([0.1, 0.1, 0.1, 1])[None], "gt_scales": np.ones((1, 3))}
+        >>> result |= {"pred_class_ids": [], "pred_RTs": [], "pred_scales": []}
+        >>> scale_agnostic(result)["gt_RTs"][0].diagonal().round(3)
+        array([0.577, 0.577, 0.577, 1.   ])
     """
     changed = dict(result)
     for who in ("gt", "pred"):
@@ -126,14 +142,14 @@ def _get(result: Mapping[str, Any], key: str) -> Any:
 
 
 def _array(result: Mapping[str, Any], key: str, shape: tuple[int, ...]) -> Array:
-    """An array of floating point, in the precision it came in."""
+    """Return an array of floating point, in its original precision."""
     array = np.asarray(_get(result, key))
     if array.dtype.kind not in "iufb":
         raise ValueError(f"{_name(result)}: {key} must hold numbers, got {array.dtype}")
     if array.size == 0 and shape[0] == 0:
         return np.zeros(shape)
     if array.shape != shape:
-        raise ValueError(f"{_name(result)}: {key} must have shape {shape} as its class ids say, got {array.shape}")
+        raise ValueError(f"{_name(result)}: {key} must have shape {shape} by its class ids, got {array.shape}")
     return array if array.dtype.kind == "f" else array.astype(np.float64)
 
 

@@ -16,7 +16,7 @@ from kfit.metrics.box_iou import Array, BoxIoU
 from kfit.metrics.nocs_matches import iou_table, match_by_iou, match_by_pose, pose_errors
 from kfit.metrics.nocs_objects import class_ids, predictions_of, truths_of
 
-# The released code of the paper draws its curves at these (neural_object_fitting@7309348, nocs/eval.py).
+# Thresholds of the curves in the paper's released code (neural_object_fitting@7309348, nocs/eval.py).
 DEGREES = tuple(float(degree) for degree in range(61))
 SHIFTS_CM = tuple(i / 2 for i in range(31))
 IOUS = tuple(i / 100 for i in range(101))
@@ -26,19 +26,32 @@ ANY_DEGREE, ANY_SHIFT = (360.0,), (100.0, np.inf)
 
 @dataclass(frozen=True)
 class NOCSScores:
-    """Average precision in [0, 1] by category, the last row being the mean over all six.
+    """Average precision in [0, 1] by category; the last row is the mean over all six.
 
     As published, a category without objects counts as 0 in the mean, or makes it NaN if there are predictions of it;
-    `mean_of_present` leaves such categories out.
+    `mean_of_present` omits such categories.
 
     Attributes:
         degrees: D thresholds of rotation; the last is 360, any rotation.
         shifts: S thresholds of translation in cm; the last two are NOCS's 100 and infinity, any translation.
-        ious: K thresholds of overlap.
+        ious: K thresholds of IoU.
         iou_ap: (7, K).
         pose_ap: (7, D, S), among objects whose box was found.
         num_truths, num_predictions: (6,) in all images.
         num_found: (6,) objects whose box was found.
+
+    Example:
+        See `evaluate_nocs`, which returns it:
+
+        >>> import numpy as np
+        >>> from kfit.metrics import evaluate_nocs
+        >>> pose, size = np.diag([0.1, 0.1, 0.1, 1.0])[None], np.array([[0.8, 0.9, 0.7]])
+        >>> pose[0, :3, 3] = 0.1, 0.2, 1.0
+        >>> result = {"gt_class_ids": [6], "gt_RTs": pose, "gt_scales": size}
+        >>> result |= {"pred_class_ids": [6], "pred_RTs": pose, "pred_scales": size, "pred_scores": [0.9]}
+        >>> scores = evaluate_nocs([result])
+        >>> scores.mean_of_present(scores.pose(degrees=10, cm=5))
+        1.0
     """
 
     degrees: tuple[float, ...]
@@ -51,7 +64,7 @@ class NOCSScores:
     num_found: NDArray[np.int64]
 
     def iou(self, threshold: float) -> NDArray[np.float64]:
-        """AP of boxes (7,) at an overlap above the threshold.
+        """Return the AP of boxes (7,) at an IoU above the threshold.
 
         Raises:
             ValueError: if it was not measured at this threshold.
@@ -60,7 +73,7 @@ class NOCSScores:
         return at
 
     def pose(self, degrees: float = ANY_DEGREE[0], cm: float = np.inf) -> NDArray[np.float64]:
-        """AP of poses (7,) within so many degrees and centimetres.
+        """Return the AP of poses (7,) within these degrees and centimetres.
 
         Raises:
             ValueError: if it was not measured at these thresholds.
@@ -70,7 +83,7 @@ class NOCSScores:
         return at
 
     def mean_of_present(self, values: NDArray[np.float64]) -> float:
-        """Mean of AP (7,) over the categories that have objects."""
+        """Return the mean of AP (7,) over the categories that have objects."""
         return float(values[:-1][self.num_truths > 0].mean())
 
 
@@ -85,25 +98,36 @@ def evaluate_nocs(
 ) -> NOCSScores:
     """Score predictions as NOCS and object-deformnet do, threshold by threshold.
 
-    Predictions of a category take objects image by image, the surest first: see ``match_by_iou`` and ``match_by_pose``.
-    AP of poses is taken over the predictions and objects that were matched at ``found_iou`` alone, so it tells nothing
-    of objects that were missed, and an error that rounding makes NaN counts as right (see ``pose_errors``). Equals
-    compute_degree_cm_mAP with ``use_matches_for_pose=True`` (utils.py of hughw19/NOCS_CVPR2019@f882eb88), and but for
-    that NaN compute_mAP (lib/utils.py of mentian/object-deformnet@cd43bb8f).
+    Predictions of a category are matched image by image, by decreasing score: see ``match_by_iou`` and
+    ``match_by_pose``. AP of poses is computed over the predictions and objects that were matched at ``found_iou`` only,
+    so it ignores missed objects, and an error that rounding makes NaN counts as right (see ``pose_errors``). It equals
+    compute_degree_cm_mAP with ``use_matches_for_pose=True`` (utils.py of hughw19/NOCS_CVPR2019@f882eb88) and, except
+    for that NaN,
+    compute_mAP (lib/utils.py of mentian/object-deformnet@cd43bb8f).
 
     Args:
-        results: one mapping an image under NOCS's names; images in the order of their names, on which the rank of
+        results: one mapping for each image under NOCS's names, in the order of the images' names, on which the rank of
             equal scores depends.
         degrees, shifts: thresholds of rotation in degrees and of translation in cm, to which those for any rotation
             and any translation are added.
-        ious: thresholds of overlap.
-        found_iou: overlap above which a pose is judged at all.
+        ious: thresholds of IoU.
+        found_iou: IoU above which poses are evaluated.
         iou: how boxes are compared: ``"nocs"`` as published, see `kfit.metrics.nocs_iou`.
-        poses: key of the poses that are judged. With another than ``"pred_RTs"``, boxes still come from those: so the
-            paper's released code judges its ``"pred_RTs_ours"`` on NOCS's detections.
+        poses: key of the poses. With another than ``"pred_RTs"``, boxes still come from ``"pred_RTs"``, as the paper's
+            released code evaluates its ``"pred_RTs_ours"`` on NOCS's detections.
 
     Raises:
-        ValueError: if there is no result, or one lacks something that is needed.
+        ValueError: if there is no result, or a key is missing in one.
+
+    Example:
+        >>> import numpy as np
+        >>> from kfit.metrics import evaluate_nocs
+        >>> pose, size = np.diag([0.1, 0.1, 0.1, 1.0])[None], np.array([[0.8, 0.9, 0.7]])
+        >>> pose[0, :3, 3] = 0.1, 0.2, 1.0
+        >>> result = {"gt_class_ids": [6], "gt_RTs": pose, "gt_scales": size}  # one mug
+        >>> result |= {"pred_class_ids": [6], "pred_RTs": pose, "pred_scales": size, "pred_scores": [0.9]}
+        >>> evaluate_nocs([result]).iou(0.5)[-2]  # mugs
+        np.float64(1.0)
     """
     check_list("degrees", degrees, None, check_range, 0)
     check_list("shifts", shifts, None, check_range, 0)
@@ -150,7 +174,7 @@ def evaluate_nocs(
 
 
 class _Tally:
-    """What is gathered of one category."""
+    """Matches and scores of one category."""
 
     def __init__(self) -> None:
         self.boxes: list[NDArray[np.bool_]] = []
@@ -164,10 +188,10 @@ class _Tally:
     def precision(
         matched: list[NDArray[np.bool_]], scores: list[Array], num_truths: int, shape: tuple[int, ...]
     ) -> NDArray[np.float64]:
-        """AP at every threshold; one row of thresholds at a time, for the sake of memory."""
+        """Return the AP at every threshold; computed one row of thresholds at a time, to bound memory."""
         if not matched:
             return np.zeros(shape)
-        # Not a stable sort, and in double precision: ties fall as they do in the published evaluators.
+        # The sort is not stable and in double precision, so that ties equal those of the published evaluators.
         order = np.argsort(np.concatenate(scores).astype(np.float64))[::-1]
         ranked = np.concatenate(matched, -1)
         return np.array([average_precision(row[..., order], num_truths) for row in ranked]).reshape(shape)
@@ -181,6 +205,4 @@ def _index(name: str, thresholds: tuple[float, ...], wanted: float) -> int:
     for index, threshold in enumerate(thresholds):
         if threshold == wanted or abs(threshold - wanted) < 1e-9:
             return index
-    raise ValueError(
-        f"{name} must hold {wanted:g} to tell AP there; measured at {', '.join(f'{t:g}' for t in thresholds)}"
-    )
+    raise ValueError(f"{name} must hold {wanted:g} for AP there; measured at {', '.join(f'{t:g}' for t in thresholds)}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -80,3 +80,16 @@ def pose_of(
     fit = None if pipeline is None else pipeline(model)
     answer = model.pose(photo, intrinsics=intrinsics, depth=depth, segmenter=target, seed=seed, pipeline=fit)
     return with_score(answer, target)
+
+
+def pose_in_views(
+    model: CategoryModel,
+    photos: Sequence[Photo],
+    targets: Sequence[FoundObject],
+    relative_poses: NDArray[Any] | Tensor,
+    intrinsics: NDArray[Any] | Tensor | None = None,
+    seed: int = 0,
+) -> PoseResult:
+    """The pose of one object that was found in each of several photos, in the first one's camera."""
+    answer = model.pose(photos, intrinsics=intrinsics, relative_poses=relative_poses, segmenter=targets, seed=seed)
+    return with_score(answer, min(targets, key=lambda target: target.score))

@@ -1,4 +1,4 @@
-"""How rows move downhill."""
+"""Optimizers that move many rows at once."""
 
 from kfit.optimizers.adam import Adam
 from kfit.optimizers.auto_adam import AutoAdam

@@ -1,4 +1,4 @@
-"""Adam whose rates come from how far each variable changes the picture."""
+"""Adam with learning rates measured from how much each variable changes the picture."""
 
 from __future__ import annotations
 
@@ -14,21 +14,36 @@ from kfit.optimizers.random import normal
 
 
 class AutoAdam(Optimizer):
-    """`Adam` with a rate for each variable and row such that each variable's step changes the picture about equally.
+    """`Adam` with a rate for each variable and row, chosen such that each variable's step changes the picture equally.
 
     rate_v = change / s_v, where s_v is the root mean square difference that a small step of all numbers of the variable
     at once, with random signs, makes to the picture, divided by the step's length; at most 1 raw unit a step. It is
-    measured once, at a row's first step, by one more picture for each variable.
+    measured once, at a row's first step, with one additional picture for each variable.
 
     The idea is SimpleITK's ``SetOptimizerScalesFromPhysicalShift``, with the picture's change in place of the points'
-    shift, since not every variable moves points.
+    shift, because not every variable moves points.
 
     Args:
-        change: root mean square change of the picture that each variable's step makes, in the pictures' units.
+        change: root mean square change of the picture by each variable's step, in picture units.
         betas: decay of Adam's two averages.
 
     Raises:
-        ValueError: for a change that is not above zero and betas outside [0, 1).
+        ValueError: if ``change`` is not above 0, or a beta is outside [0, 1).
+
+    Example:
+        Register a blob that moved 3 of 32 pixels to the right, 3/16 of the half-width:
+
+        >>> import torch, kfit
+        >>> from kfit.energies import L2
+        >>> from kfit.generators import Template
+        >>> from kfit.initializers import Constant
+        >>> from kfit.optimizers import AutoAdam
+        >>> x = torch.linspace(-4, 4, 32)
+        >>> blob = torch.exp(-x.square() - x[:, None].square())[None]
+        >>> start = [Constant({"shift": 0.0})]
+        >>> fit = kfit.FitPipeline(Template(blob, "translation"), {"l2": L2()}, start, AutoAdam(), num_starts=1)
+        >>> fit(kfit.Observation(blob.roll(3, 2)[None]), seed=0).values["shift"][0, 0].round(decimals=2)
+        tensor(0.1900)
     """
 
     def __init__(self, change: float = 0.01, betas: tuple[float, float] = (0.5, 0.999)) -> None:

@@ -15,33 +15,50 @@ from kfit.optimizers.random import normal
 
 # Rows drawn at once for the Jacobian: bounds the memory that features and residuals take.
 ROWS_AT_ONCE = 256
-# Rows of more numbers than this are solved by products with the Jacobian, which is then never held.
+# Rows of more numbers than this are solved by products with the Jacobian, without storing it.
 MAX_DIFFERENCES = 64
-# Of conjugate gradients: passes for the diagonal, iterations, and where a solution is near enough (relative).
+# Of conjugate gradients: probes of the diagonal, iterations, and relative tolerance.
 NUM_PROBES, MAX_ITERATIONS, TOLERANCE = 8, 50, 0.03
 
 
 class LevenbergMarquardt(Optimizer):
-    """Damped Gauss–Newton for energies that are sums of squares, each row with a damping of its own.
+    """Damped Gauss–Newton for energies that are sums of squares, each row with its own damping.
 
-    δ solves (JᵀJ + λ·diag JᵀJ) δ = −Jᵀr (Marquardt 1963). A step that lowers the energy is taken and λ falls by its
-    gain ρ, λ ← λ · max(1/3, 1 − (2ρ − 1)³); otherwise λ ← λν, ν ← 2ν and the row tries again (Nielsen 1999). So the
-    energy of a row never rises while the weights stay. The slope Jᵀr, which decides where the fit ends, is half the
-    exact gradient.
+    δ solves (JᵀJ + λ·diag JᵀJ) δ = −Jᵀr (Marquardt 1963). A step that lowers the energy is taken and λ decreases by its
+    gain ρ, λ ← λ · max(1/3, 1 − (2ρ − 1)³); otherwise λ ← λν, ν ← 2ν and the row tries again (Nielsen 1999). The energy
+    of a row therefore never rises while the weights are constant. The slope Jᵀr, which decides where the fit ends, is
+    half of the exact gradient.
 
-    For up to 64 numbers a row, J, which only shapes the step, is taken by forward differences: a step draws
-    2 + P + trials pictures a row. For more, δ is found by conjugate gradients from products Jv and Jᵀu, each a pass
-    backwards through one drawing (`kfit.core.Linearization`; Nocedal and Wright 2006, algorithm 7.1): a step draws
-    2 + trials pictures and makes some 20 to 200 passes, however many the numbers, and the generator and the energies
-    must be differentiable twice. The diagonal is then estimated, as the mean of (Jᵀz)² over 8 random vectors z of ±1.
+    For up to 64 numbers a row, J, which only shapes the step, is computed by forward differences: a step draws
+    2 + P + trials pictures a row. For more, δ is found by conjugate gradients from products Jv and Jᵀu, each a backward
+    pass through one drawing (`kfit.core.Linearization`; Nocedal and Wright 2006, algorithm 7.1): a step draws
+    2 + trials pictures and makes some 20 to 200 passes, whatever the number of unknowns, and the generator and the
+    energies must be twice differentiable. The diagonal is then estimated as the mean of (Jᵀz)² over 8 random vectors z
+    of ±1.
 
     Args:
-        damping: λ at the start, relative to the diagonal.
-        max_trials: dampings tried in a step.
+        damping: initial λ, relative to the diagonal.
+        max_trials: number of dampings tried in a step.
 
     Raises:
-        ValueError: for a damping that is not above 0 or no trials, and, in a fit, where a term that is descended is no
-            sum of squares.
+        ValueError: if ``damping`` is not above 0, ``max_trials`` is below 1 or, in a fit, a descended term is not a sum
+            of squares.
+
+    Example:
+        Register a blob that moved 3 of 32 pixels to the right, 3/16 of the half-width:
+
+        >>> import torch, kfit
+        >>> from kfit.energies import L2
+        >>> from kfit.generators import Template
+        >>> from kfit.initializers import Constant
+        >>> from kfit.optimizers import LevenbergMarquardt
+        >>> x = torch.linspace(-4, 4, 32)
+        >>> blob = torch.exp(-x.square() - x[:, None].square())[None]
+        >>> start = [Constant({"shift": 0.0})]
+        >>> optimizer = LevenbergMarquardt()
+        >>> fit = kfit.FitPipeline(Template(blob, "translation"), {"l2": L2()}, start, optimizer, num_starts=1)
+        >>> fit(kfit.Observation(blob.roll(3, 2)[None]), seed=0).values["shift"][0, 0].round(decimals=2)
+        tensor(0.1900)
     """
 
     def __init__(self, damping: float = 1e-2, max_trials: int = 4) -> None:
@@ -86,7 +103,7 @@ class LevenbergMarquardt(Optimizer):
     def _model(
         evaluate: Evaluate, raw: Variables, problem: Tensor, slopes: Tensor, seeds: Tensor
     ) -> tuple[Callable[[Tensor, Tensor], Tensor], Tensor]:
-        """How to solve for δ of some rows, given λ·diag JᵀJ of all, and diag JᵀJ (N, P)."""
+        """Return a solver for δ of some rows, given λ·diag JᵀJ of all, and diag JᵀJ (N, P)."""
         if slopes.shape[1] > MAX_DIFFERENCES:
             linear = evaluate.linearize(raw, problem)
             diagonal = _kept_above_zero(_diagonal(linear, slopes, seeds))
@@ -102,16 +119,16 @@ class LevenbergMarquardt(Optimizer):
 
 
 def _kept_above_zero(diagonal: Tensor) -> Tensor:
-    """Numbers that change nothing stay where they are, and do not make the matrix singular."""
+    """Clamp a diagonal, so that numbers without effect stay unchanged and the matrix is not singular."""
     return diagonal.clamp_min(1e-30).maximum(1e-6 * diagonal.amax(1, keepdim=True))
 
 
 def _squares(evaluate: Evaluate, raw: Variables, problem: Tensor) -> Tensor:
-    """JᵀJ (N, P, P), by forward differences in raw units."""
+    """Compute JᵀJ (N, P, P) by forward differences in raw units."""
     place = flatten(raw)
     rows, count = place.shape
     length = torch.finfo(place.dtype).eps ** 0.5
-    shifts = length * torch.eye(count + 1, count, dtype=place.dtype, device=place.device)  # the last is none
+    shifts = length * torch.eye(count + 1, count, dtype=place.dtype, device=place.device)  # the last is 0
     found = []
     for piece in torch.arange(rows, device=place.device).split(max(1, ROWS_AT_ONCE // (count + 1))):
         here = repeated({name: tensor[piece] for name, tensor in raw.items()}, count + 1)
@@ -125,7 +142,7 @@ def _squares(evaluate: Evaluate, raw: Variables, problem: Tensor) -> Tensor:
 
 
 def _diagonal(linear: Linearization, slopes: Tensor, seeds: Tensor) -> Tensor:
-    """An unbiased estimate of diag JᵀJ (N, P): E[(Jᵀz)²] over random signs z."""
+    """Estimate diag JᵀJ (N, P) without bias: E[(Jᵀz)²] over random signs z."""
     like = linear.push(torch.zeros_like(slopes))
     probes = (normal(seeds + number, like.shape[1:], like).sign() for number in range(NUM_PROBES))
     return torch.stack([linear.pull(probe).square() for probe in probes]).mean(0)
@@ -134,7 +151,7 @@ def _diagonal(linear: Linearization, slopes: Tensor, seeds: Tensor) -> Tensor:
 def _conjugate_gradients(
     linear: Linearization, damped: Tensor, diagonal: Tensor, slopes: Tensor, rows: Tensor
 ) -> Tensor:
-    """δ of some rows with (JᵀJ + damped) δ = −slopes, preconditioned by the diagonal; each row ends on its own."""
+    """Solve (JᵀJ + damped) δ = −slopes for some rows, preconditioned by the diagonal; each row ends independently."""
     scale = diagonal + damped
     delta, rest = torch.zeros_like(slopes), -slopes
     toward = rest / scale
@@ -148,7 +165,7 @@ def _conjugate_gradients(
         curvature = (direction * image).sum(1)
         active = active & (curvature > 0)  # false where a row is not finite
         length = torch.where(active, product / curvature.where(active, 1.0), 0.0)[:, None]
-        # Not `length * direction` alone: a row that is not finite would be spoilt by 0 · ∞.
+        # Not `length * direction` alone: 0 · ∞ is NaN in a row that is not finite.
         delta = torch.where(active[:, None], delta + length * direction, delta)
         rest = torch.where(active[:, None], rest - length * image, rest)
         toward = rest / scale

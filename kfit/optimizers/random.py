@@ -1,4 +1,4 @@
-"""Random numbers of each row's own."""
+"""Random numbers that each row draws from its own seed."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from torch import Tensor
 
 
 def normal(seeds: Tensor, shape: Sequence[int], like: Tensor) -> Tensor:
-    """Standard normal numbers (N, \\*shape), each row's decided by its seed alone.
+    """Draw standard normal numbers (N, \\*shape), each row's determined by its seed alone.
 
     Args:
         seeds: (N,) whole numbers.

@@ -11,14 +11,21 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize  # type: ignore[import-untyped]
 from scipy.special import expit  # type: ignore[import-untyped]
 
-from kfit.pose.confidence import Calibration
+from kfit.pose.confidence import UNMEASURED, Calibration
 
 FOLDS = 10
+# Of χ² with 6 degrees of freedom: the bound of the ellipsoid that holds 95 % of a Gaussian's poses.
+CHI2_95 = 12.592
 BINS = (0.0, 0.5, 0.7, 0.8, 0.9, 0.95, 1.0)
 
 
 def calibrate(
-    told: Sequence[dict[str, float]], right: Sequence[bool], energy: Sequence[float], fits: dict[str, Any], seed: int
+    told: Sequence[dict[str, float]],
+    right: Sequence[bool],
+    energy: Sequence[float],
+    fits: dict[str, Any],
+    seed: int,
+    distances: Sequence[float],
 ) -> Calibration:
     """A calibration from N answers of held-out views, with what a cross-validation on them gives.
 
@@ -28,9 +35,26 @@ def calibrate(
         energy: of each.
         fits: how they were fitted, as `kfit.pose.confidence.how_fitted` tells.
         seed: of the views.
+        distances: squared Mahalanobis distances of the right answers' truths.
     """
-    found = {"seed": seed, **reliability(cross_validated(told, right), right)}
-    return Calibration(*calibrated(told, right), float(np.quantile(energy, 0.99)), fits, len(told), found)
+    found = {"seed": seed, "right answers": len(distances), **reliability(cross_validated(told, right), right)}
+    energy_99, factor = float(np.quantile(energy, 0.99)), covariance_factor(distances)
+    return Calibration(*calibrated(told, right), energy_99, fits, len(told), found, factor)
+
+
+def covariance_factor(distances: Sequence[float]) -> float:
+    """Factor by which covariances are multiplied, so that their 95 % ellipsoids hold 95 % of new answers of the kind.
+
+    The ⌈0.95 (N + 1)⌉-th smallest of N squared distances δᵀ C⁻¹ δ (the largest, where N < 19) over the 95 % bound of
+    χ² with 6 degrees of freedom: split conformal prediction (Lei et al., JASA 2018), which assumes no distribution.
+
+    >>> covariance_factor([CHI2_95 * 2] * 40)
+    2.0
+    """
+    if not distances:
+        return UNMEASURED
+    place = min(len(distances), math.ceil(0.95 * (len(distances) + 1)))
+    return float(np.sort(distances)[place - 1] / CHI2_95)
 
 
 def calibrated(told: Sequence[dict[str, float]], right: Sequence[bool]) -> tuple[float, dict[str, float]]:

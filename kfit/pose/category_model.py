@@ -138,7 +138,7 @@ class CategoryModel:
         depth: NDArray[Any] | None = None,
         *,
         relative_poses: NDArray[Any] | Tensor | None = None,
-        segmenter: str | Path | Segmenter | None = None,
+        segmenter: str | Path | Segmenter | Sequence[Segmenter] | None = None,
         seed: int = 0,
         pipeline: FitPipeline | None = None,
     ) -> PoseResult:
@@ -152,8 +152,8 @@ class CategoryModel:
         Args:
             image: path of a photo, what `kfit.segmentation.read_photo` made of it, or (H, W, 3)
                 RGB: uint8, or floating point in [0, 1]. A list of V such: photos of one object by cameras whose poses
-                to one another are known; ``mask``, ``box`` and ``intrinsics`` are then lists too, and the answer is in
-                the first camera.
+                to one another are known; ``mask`` and ``box`` are then lists too, ``intrinsics`` and ``segmenter`` may
+                be, and the answer is in the first camera. Their lenses must be known.
             mask: (H, W), above one half of its full scale (1, 255 or 65535) on the object.
             box: left, top, width, height in pixels.
             intrinsics: (3, 3).
@@ -182,7 +182,8 @@ class CategoryModel:
                 raise ValueError("relative_poses were given for one photo; they belong to a list of photos")
             photo: Any = image
             one: tuple[Any, Any] = (mask, box)
-            seen = ObservedObject.of(photo, self.card.category, self.image_size, *one, intrinsics, depth, segmenter)
+            finds: Any = segmenter
+            seen = ObservedObject.of(photo, self.card.category, self.image_size, *one, intrinsics, depth, finds)
             observation = seen.observation
             fit = pipeline or self.pipeline(depth=depth is not None, lens_known=seen.lens_known)
         return self.answer(fit(observation.map(lambda tensor: tensor.to(fit.device)), seed=seed), seen)

@@ -19,6 +19,8 @@ LEAST = 0.01
 DOUBTFUL = 0.5
 # Of the prior on an unknown lens in a fit's energy. It says nothing of the pose, so neither ranks nor calibrates.
 LENS_WEIGHT = 0.05
+# Factor of covariances where a card has none.
+UNMEASURED = 1.0
 EVIDENCE = ("weight", "energy", "agreement", "looks")
 
 
@@ -33,6 +35,8 @@ class Calibration:
         fits: how those views were fitted, as `how_fitted` tells.
         views: number of them.
         measured: their seed, and what a cross-validation on them gave.
+        covariance_factor: by which `kfit.pose.covariance.pose_covariance` multiplies, so that the 95 % ellipsoids held
+            95 % of the right answers.
     """
 
     bias: float
@@ -41,6 +45,7 @@ class Calibration:
     fits: dict[str, Any]
     views: int
     measured: dict[str, Any] = field(default_factory=dict)
+    covariance_factor: float = UNMEASURED
 
     @staticmethod
     def of(said: Any) -> Calibration:
@@ -50,6 +55,8 @@ class Calibration:
             ValueError: if something is missing, unknown or not finite.
         """
         names = {f.name for f in fields(Calibration)}
+        if isinstance(said, dict):
+            said = {"covariance_factor": UNMEASURED, **said}  # cards from before it was measured
         if not isinstance(said, dict) or set(said) != names:
             raise ValueError(f"a calibration must hold just {', '.join(sorted(names))}")
         found = Calibration(**said)
@@ -59,18 +66,19 @@ class Calibration:
                 found.bias,
                 found.energy_99,
                 found.views,
+                found.covariance_factor,
                 *found.coefficients.values(),
                 *found.fits["weights"].values(),
             ]
             # The bound keeps sums of products finite.
             fine = all(abs(number) < 1e9 for number in numbers) and isinstance(found.measured, dict)
-            fine &= set(found.fits) == {"starts", "steps", "left", "weights"}
+            fine &= set(found.fits) == {"starts", "steps", "left", "weights"} and found.covariance_factor > 0
         except (AttributeError, KeyError, TypeError):
             fine = False
         if not fine:
             raise ValueError(
-                "a calibration's bias, coefficients, energy_99, views and the weights in fits must be finite numbers "
-                "below 1e9, and fits must tell starts, steps, left and weights"
+                "a calibration's bias, coefficients, energy_99, views, covariance_factor (above 0) and the weights in "
+                "fits must be finite numbers below 1e9, and fits must tell starts, steps, left and weights"
             )
         return found
 

@@ -14,6 +14,7 @@ from torch import Tensor
 from kfit.core import FitResult, Observation, Rendering, Variables
 from kfit.geometry import Symmetry, angles_from_rotation, energy_weights
 from kfit.pose.card import Card
+from kfit.pose.confidence import UNMEASURED
 from kfit.pose.hypotheses import fitted_rotations
 from kfit.pose.interpretation import FOCAL_LOG_SD
 from kfit.pose.observed_object import ObservedObject
@@ -42,7 +43,7 @@ def pose_covariance(
 ) -> NDArray[np.float64]:
     """Covariance (6, 6) of the answer of one problem's fit; `kfit.pose.PoseResult.covariance` has the convention.
 
-    C = G (JᵀJ / (k σ²) + Λ)⁻¹ Gᵀ + Σ_s w_s δ_s δ_sᵀ + s_f² g gᵀ + s_D² d dᵀ
+    C = c · (G (JᵀJ / (k σ²) + Λ)⁻¹ Gᵀ + Σ_s w_s δ_s δ_sᵀ + s_f² g gᵀ + s_D² d dᵀ)
 
     - J: differences of the drawing's pixels (colours and mask) by turns, shift and log scale at the winner, and
       σ² = |r|² / (M − 6) of its M residuals that count (Gauss–Newton, as `kfit.fitting.answer_covariance`); of several
@@ -51,6 +52,7 @@ def pose_covariance(
     - δ_s: from the answer to the pose of each surviving start s, w_s its weight `kfit.geometry.energy_weights`.
     - g: the pose's derivative by the logarithm of the focal length, s_f that logarithm's deviation.
     - d: that by the logarithm of the size, which is (0, translation), s_D its deviation.
+    - c: ``covariance_factor`` of the card's calibration, which makes the 95 % ellipsoid hold 95 % of right answers.
 
     It draws seven pictures without a gradient, of which the generator makes five.
 
@@ -78,6 +80,7 @@ def pose_covariance(
     covariance = covariance + FOCAL_LOG_SD[seen.intrinsics_from] ** 2 * lens @ lens.mT
     size = torch.cat([torch.zeros_like(translation), translation], 1)
     covariance = covariance + size_log_sd(fit.values, card) ** 2 * size.mT @ size
+    covariance = covariance * _factor(fit.values, card)
     if symmetry == "y":
         axis = torch.cat([rotation[:, :, 1], torch.zeros_like(translation)], 1)
         covariance = covariance + ANGLE_SD**2 * axis.mT @ axis
@@ -116,6 +119,12 @@ def size_log_sd(values: Variables, card: Card) -> float:
         return DISTANCE_LOG_SD
     least, most = card.known.diagonals
     return math.log(most / least) / 6
+
+
+def _factor(values: Variables, card: Card) -> float:
+    """The factor that the card's calibration of such fits measured."""
+    known = card.calibration.get("RGB-D" if "distance" in values else "RGB")
+    return UNMEASURED if known is None else known.covariance_factor
 
 
 def _information(values: Variables, observation: Observation, draw: Callable[[Variables], Rendering]) -> Tensor:

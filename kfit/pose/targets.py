@@ -17,8 +17,9 @@ from kfit.segmentation import Box, Detector, Photo, Segment, Segmenter, mask_fro
 
 # The odds that an object is of the category that a person names, over those that its picture tells.
 NAMED = 4.0
-# Below this probability of its category an answer is doubtful, and its confidence at most as high.
-PROBABLE = 0.5
+# Below the first probability of its category an answer says that it is probably another thing, below the second how
+# probable the category is.
+PROBABLE, CLEAR = 0.5, 0.8
 # An object lies in a mask by this share of its own, and is one of several if it has between these shares of the mask.
 INSIDE, LEAST_PART = 0.7, 0.15
 # Least share of a mask that stands out from its surroundings.
@@ -68,16 +69,21 @@ def find_targets(
 
 
 def with_score(result: PoseResult, target: FoundObject) -> PoseResult:
-    """The answer with the probability that its object is of the category, which bounds its confidence from above."""
-    notes, confidence = result.notes, result.confidence
+    """The answer with the probability that its object is of the category, by which its confidence is multiplied.
+
+    A pose can be right only if the category is.
+    """
+    notes, percent = list(result.notes), f"{100 * target.score:.0f} %"
     if target.score < PROBABLE:
-        confidence = min(confidence, target.score)
-        notes = [
-            *notes,
-            f"this is probably no {target.category}: by its look that has a probability of {100 * target.score:.0f} %, "
-            "and the confidence is no higher",
-        ]
-    return replace(result, confidence=confidence, notes=notes, category_score=target.score)
+        notes.append(
+            f"this is probably no {target.category}: by its look that has a probability of {percent}, which the "
+            "confidence includes"
+        )
+    elif target.score < CLEAR:
+        notes.append(
+            f"by its look this is a {target.category} with a probability of {percent}, which the confidence includes"
+        )
+    return replace(result, confidence=target.score * result.confidence, notes=notes, category_score=target.score)
 
 
 def _detected(photo: Photo, detector: Detector) -> list[FoundObject]:

@@ -14,6 +14,7 @@ from torch import Tensor
 from kfit.core import Observation
 from kfit.core.check import check_shape
 from kfit.geometry import Crop, diagonal_at, viewing_ray
+from kfit.pose.inputs import as_numbers
 from kfit.pose.observed_object import ObservedObject
 from kfit.segmentation import Photo, Segmenter, load_segmenter
 
@@ -34,7 +35,7 @@ def observed_views(
     boxes: Any,
     intrinsics: Any,
     relative_poses: Any,
-    segmenter: str | Path | Segmenter | None,
+    segmenter: str | Path | Segmenter | Sequence[Segmenter] | None,
 ) -> tuple[ObservedObject, Observation]:
     """Find the object in each photo; what was seen in the first, and one problem of all views.
 
@@ -47,17 +48,20 @@ def observed_views(
         segmenter: as `kfit.pose.CategoryModel.pose` takes it.
 
     Raises:
-        ValueError: for lists of other lengths, and poses that are no rigid motions or whose first is no identity.
+        ValueError: for lists of other lengths, poses that are no rigid motions or whose first is no identity, and
+            lenses that are unknown.
     """
     count = len(images)
     if count < 2:
         raise ValueError(f"a list of photos must hold at least 2, got {count}")
     if isinstance(segmenter, str | Path):
         segmenter = load_segmenter(segmenter)
-    poses = _checked_poses(relative_poses, count)
-    shared = intrinsics is not None and torch.as_tensor(intrinsics).dim() == 2
-    cameras = [intrinsics] * count if shared or intrinsics is None else list(intrinsics)
-    lists = {"mask": masks, "box": boxes, "intrinsics": cameras}
+    poses = check_relative_poses(relative_poses, count)
+    some_unknown = isinstance(intrinsics, list | tuple) and any(one is None for one in intrinsics)
+    for_all = intrinsics is None or (not some_unknown and torch.as_tensor(intrinsics).dim() == 2)
+    cameras = [intrinsics] * count if for_all else list(intrinsics)
+    segmenters: list[Any] = list(segmenter) if isinstance(segmenter, list | tuple) else [segmenter] * count
+    lists = {"mask": masks, "box": boxes, "intrinsics": cameras, "segmenter": segmenters}
     for name, values in lists.items():
         if values is not None and len(values) != count:
             raise ValueError(f"{name} must hold one for each of the {count} photos, got {len(values)}")
@@ -69,10 +73,15 @@ def observed_views(
             None if masks is None else masks[number],
             None if boxes is None else boxes[number],
             cameras[number],
-            segmenter=segmenter,
+            segmenter=segmenters[number],
         )
         for number, image in enumerate(images)
     ]
+    if unknown := [str(number) for number, one in enumerate(found, 1) if not one.lens_known]:
+        raise ValueError(
+            f"the lens of photo {', '.join(unknown)} is unknown: several photos need intrinsics or EXIF tags, "
+            "as a longer lens and a smaller object give the same pictures"
+        )
     observation = Observation(
         image=torch.cat([one.observation.image for one in found]),
         mask=torch.cat([one.observation.field("mask") for one in found]),
@@ -110,13 +119,19 @@ def triangulated_diagonal(observation: Observation, unit_fraction: float, mean_d
     return kept
 
 
-def _checked_poses(poses: Any, count: int) -> Tensor:
+def check_relative_poses(poses: Any, count: int) -> Tensor:
+    """Return poses (V, 4, 4) in double precision, from the first camera to each of V.
+
+    Raises:
+        ValueError: unless they are so many rigid motions, of which the first is the identity.
+    """
     if poses is None:
         raise ValueError("several photos need relative_poses, (V, 4, 4), from the first camera to each")
-    given: Tensor = torch.as_tensor(poses, dtype=torch.float64)
+    given = torch.from_numpy(as_numbers("relative_poses", poses).astype(float))
     check_shape("relative_poses", given, (count, 4, 4))
     turns, eye = given[:, :3, :3], torch.eye(3, dtype=torch.float64)
     rigid = bool(((turns @ turns.mT - eye).abs() < 1e-3).all()) and bool((torch.linalg.det(turns) > 0).all())
+    rigid &= bool(given.isfinite().all())
     if not rigid or not bool((given[:, 3] == given.new_tensor([0.0, 0.0, 0.0, 1.0])).all()):
         raise ValueError(
             "relative_poses must be rigid motions: a rotation, a translation, and a last row of 0, 0, 0, 1"

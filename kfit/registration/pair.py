@@ -1,4 +1,4 @@
-"""Two batches of pictures or volumes on one frame, and their pyramid."""
+"""Two batches of pictures or volumes, padded to one size, and their pyramid."""
 
 from __future__ import annotations
 
@@ -11,8 +11,7 @@ from torch import Tensor
 
 from kfit.core.check import check_float, check_shape
 
-# The shortest side of the coarsest picture and of the coarsest volume, in pixels; few enough that many starts cost
-# little.
+# The shortest side of the coarsest picture and of the coarsest volume, in pixels; small, so that many starts are cheap.
 LEAST_SIDE, LEAST_VOLUME_SIDE = 24, 12
 
 
@@ -30,9 +29,9 @@ class Pair:
         return tuple(self.fixed.shape[2:])
 
     def at(self, shrink: int, blur: float) -> Pair:
-        """A level of the pyramid, blurred: what is finer than pixels came down into both pictures differently.
+        """Return a blurred level of the pyramid, as details finer than pixels are sampled differently in each picture.
 
-        Blur spoils the outermost pixels, which do not count there.
+        Blur corrupts the outermost pixels, which get weight 0.
         """
         size = [max(2, round(side / shrink)) for side in self.size]
         inner = F.pad(self.fixed.new_ones(1, 1, *[side - 2 for side in size]), [1] * 2 * len(size))
@@ -41,7 +40,7 @@ class Pair:
         for picture, mask in ((self.moving, self.moving_mask), (self.fixed, self.fixed_mask)):
             known = F.interpolate(mask, size, mode="area")
             seen = F.interpolate(picture * mask, size, mode="area") / known.clamp_min(1e-6)
-            # Unknown pixels get the mean, so that blur brings in no edge of theirs.
+            # Unknown pixels get the mean, so that blurring adds no edges at their borders.
             mean = (seen * known).sum(axes, keepdim=True) / known.sum(axes, keepdim=True).clamp_min(1e-6)
             seen = torch.where(known > 0.5, seen, mean)
             whole = (known > 0.999).to(known) if blur else known
@@ -51,7 +50,7 @@ class Pair:
 
 
 def _blurred(pictures: Tensor, sigma: float) -> Tensor:
-    """Pictures or volumes under a Gaussian."""
+    """Blur pictures or volumes by a Gaussian."""
     if pictures.dim() == 4:
         flat: Tensor = gaussian_blur2d(pictures, (7, 7), (sigma, sigma))
         return flat
@@ -60,7 +59,7 @@ def _blurred(pictures: Tensor, sigma: float) -> Tensor:
 
 
 def pyramid_levels(size: tuple[int, ...]) -> list[int]:
-    """How much smaller each level is, from the coarsest on."""
+    """Return the reduction factor of each level, the coarsest first."""
     shrinks = [1]
     while min(size) / (2 * shrinks[-1]) >= (LEAST_SIDE if len(size) == 2 else LEAST_VOLUME_SIDE):
         shrinks.append(2 * shrinks[-1])
@@ -68,7 +67,7 @@ def pyramid_levels(size: tuple[int, ...]) -> list[int]:
 
 
 def checked_pair(moving: Tensor, fixed: Tensor, moving_mask: Tensor | None, fixed_mask: Tensor | None) -> Pair:
-    """Pictures or volumes, and masks, on one frame, which holds both from its first corner on."""
+    """Check pictures or volumes and masks, and pad them at the ends of their axes to one size."""
     parts = {}
     volumes = isinstance(moving, Tensor) and moving.dim() == 5
     axes = tuple("DHW" if volumes else "HW")
@@ -94,6 +93,6 @@ def checked_pair(moving: Tensor, fixed: Tensor, moving_mask: Tensor | None, fixe
 
 
 def _padded(pictures: Tensor, size: list[int]) -> Tensor:
-    """Pictures or volumes with zeros behind the end of each axis, up to ``size``."""
+    """Pad pictures or volumes with zeros at the end of each axis, up to ``size``."""
     missing = [to - side for to, side in zip(size, pictures.shape[2:], strict=True)]
     return F.pad(pictures, [number for side in missing[::-1] for number in (0, side)])

@@ -37,33 +37,32 @@ def register(
     initial: Tensor | None = None,
     seed: int = 0,
 ) -> Registration:
-    """Find the motion that takes moving pictures or volumes onto fixed ones.
+    """Find the motion that maps moving pictures or volumes to fixed ones.
 
-    Fits a `kfit.generators.Template`, or of volumes a `kfit.generators.VolumeTemplate`, from coarse to fine. At the
-    coarsest level, the likeliest of 64 starts are tracked: no motion, phase correlation, of pictures matched SIFT
-    features, and random motions up to 30°, 0.3 half-widths and 15 %. Motions of more freedom begin at the simpler
-    ones' answers. Energies that are sums of squares are descended by Levenberg–Marquardt, others by L-BFGS. Only what
-    both cover counts.
+    Fits a `kfit.generators.Template`, or for volumes a `kfit.generators.VolumeTemplate`, from coarse to fine. At the
+    coarsest level, the likeliest of 64 starts are fitted: identity, phase correlation, for pictures matched SIFT
+    features, and random motions up to 30°, 0.3 half-widths and 15 %. Motions of more freedom start at the answers of
+    simpler ones. Energies that are sums of squares are minimised by Levenberg–Marquardt, others by L-BFGS. Only the
+    overlap is compared.
 
     Args:
         moving, fixed: (B, C, H, W) in [0, 1], B pairs, or (C, H, W), or volumes (B, C, D, H, W) of cubic voxels; the
             two may differ in depth, height and width.
         motion: "translation", "euclidean", "similarity", "affine", "homography", "tps" (thin-plate spline) or "flow";
-            of volumes one of the first four.
-        energy: compares warped and fixed pictures; mean squares unless given. `kfit.energies.NCC` or
-            `kfit.energies.MutualInformation` serve pictures of other light or of other sensors.
-        moving_mask, fixed_mask: (B, 1, H, W) or (B, 1, D, H, W) in [0, 1], 0 where a pixel does not count.
-        light: also fit a gain and an offset of the moving picture's brightness.
-        control: (rows, columns) of the control points of tps and flow; at the coarsest level no more than it has
-            pixels.
+            for volumes one of the first four.
+        energy: compares warped and fixed pictures; mean squares by default. `kfit.energies.NCC` and
+            `kfit.energies.MutualInformation` serve pictures of other lighting or other sensors.
+        moving_mask, fixed_mask: (B, 1, H, W) or (B, 1, D, H, W) in [0, 1]; 0 excludes a pixel.
+        light: whether to fit a gain and an offset of the moving picture's brightness too.
+        control: (rows, columns) of the control points of tps and flow; at coarse levels at most one for each pixel.
         smoothness: weight of the bending energy of a flow, in half-widths squared.
-        min_overlap: least share of the fixed picture's weight that the moving one must cover.
-        initial: (B, 3, 3), of volumes (B, 4, 4), maps of pixels from moving to fixed near which to start, instead of
+        min_overlap: least fraction of the fixed picture's weight that the moving one must cover.
+        initial: (B, 3, 3), for volumes (B, 4, 4), maps of pixels from moving to fixed near which to start, instead of
             the 64 starts.
-        seed: decides the random motions.
+        seed: determines the random motions.
 
     Raises:
-        TypeError, ValueError: naming the argument that is wrong.
+        TypeError, ValueError: naming the wrong argument.
 
     Example:
         >>> import torch, kfit
@@ -124,7 +123,7 @@ class _Settings:
     min_overlap: float
 
     def template(self, level: Pair, kind: Motion) -> Template | VolumeTemplate:
-        """Draws the moving pictures of a level; fewer pixels than 256 a side are read from a finer grid."""
+        """Return the template of a level; below 256 pixels a side it samples a finer grid."""
         if len(level.size) == 3:
             return VolumeTemplate(level.moving, kind, mask=level.moving_mask, light=self.light)  # type: ignore[arg-type]
         control = (min(self.control[0], level.size[0]), min(self.control[1], level.size[1]))
@@ -166,7 +165,7 @@ def _fit(
 
 
 def _covered(template: Template | VolumeTemplate, state: Stage) -> Tensor:
-    """1 where the start covers the whole of a pixel: an overlap that changed at last would shrink, for less noise."""
+    """Return 1 where the start covers a pixel completely: a variable overlap would shrink to reduce noise."""
     first = state.starts[0]
     assert isinstance(first, GivenStarts)
     pixels = template.pixels if isinstance(template, Template) else template.voxels
@@ -182,7 +181,7 @@ def _covered(template: Template | VolumeTemplate, state: Stage) -> Tensor:
 
 
 def _answer(pair: Pair, motion: Motion, fits: tuple[FitResult, ...], settings: _Settings) -> Registration:
-    """Draw the whole pictures by the last level's values, without blur."""
+    """Draw the full pictures with the values of the last level, without blur."""
     values = fits[-1].values
     whole = settings.template(pair, motion)
     moving = {name: values[name] for name in whole.moving}

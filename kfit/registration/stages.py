@@ -1,4 +1,4 @@
-"""From level to level of a registration: which motion each fits, and where it starts."""
+"""The levels of a registration: the motion of each, and its starts."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ NUM_RANDOM, NUM_STARTS = 61, 16
 
 @dataclass(frozen=True)
 class Stage:
-    """Where the fits stand: the motion, its template and result, or the first starts; and matrices to try."""
+    """State between levels: motion, template and result, or the first starts; and candidate matrices."""
 
     motion: Motion
     template: Template | VolumeTemplate
@@ -33,7 +33,7 @@ class Stage:
 
 
 def motions_of(motion: Motion, count: int) -> list[Motion]:
-    """The motion of each level: the coarsest a similarity at most, then, for those that bend, one affine."""
+    """Return the motion of each level: at most a similarity at the coarsest, then one affine before non-rigid ones."""
     simple: Motion = motion if motion in ("translation", "euclidean") else "similarity"
     ladder: list[Motion] = [simple, "affine"] if motion in BENDING else [simple]
     ladder = ladder[: max(0, count - 1)]
@@ -43,7 +43,7 @@ def motions_of(motion: Motion, count: int) -> list[Motion]:
 def first_stage(
     pair: Pair, template: Template | VolumeTemplate, kind: Motion, initial: Tensor | None, seed: int
 ) -> Stage:
-    """Starts at the coarsest level."""
+    """Return the starts at the coarsest level."""
     masks = (pair.moving_mask, pair.fixed_mask)
     matrices = (
         candidate_matrices(pair.moving, pair.fixed, masks) if initial is None else initial[:, None].to(pair.fixed)
@@ -62,9 +62,9 @@ def first_stage(
 
 
 def next_stage(state: Stage, template: Template | VolumeTemplate, kind: Motion, pair: Pair) -> Stage:
-    """Starts at the next level: the last one's answer and, where the motion becomes freer, the first candidates."""
+    """Return the starts at the next level: the last answer and, if the motion changes, the first candidates."""
     result = state.result
-    assert result is not None  # the first level has been fitted
+    assert result is not None  # the first level was fitted
     light = _light_starts(template, result)
     moving = {name: result.values[name] for name in state.template.moving}
     if kind == state.motion and kind not in BENDING:
@@ -84,12 +84,12 @@ def next_stage(state: Stage, template: Template | VolumeTemplate, kind: Motion, 
 def _start_values(
     kind: Motion, template: Template | VolumeTemplate, matrices: Tensor, size: tuple[int, ...]
 ) -> Variables:
-    """Values (B, S, \\*shape) of a motion for maps of pixels (B, S, 3, 3), or (B, S, 4, 4), at the whole size."""
+    """Return values (B, S, \\*shape) of a motion for full-size maps of pixels (B, S, 3, 3) or (B, S, 4, 4)."""
     flat = matrices.flatten(0, 1)
     if isinstance(template, VolumeTemplate):
         values = volume_values_of(kind, flat, size)
     elif kind in BENDING:
-        # A displacement reads the other way: where in the moving picture a control point lies, less where it is.
+        # Displacements have the inverse direction: a control point's position in the moving picture minus its own.
         rows, columns = template.control
         points = pixel_grid(flat, (rows, columns)) * flat.new_tensor([size[1] - 1, size[0] - 1])
         points = (points / flat.new_tensor([columns - 1, rows - 1])).view(1, -1, 2)
@@ -111,7 +111,7 @@ def _light_starts(template: Template | VolumeTemplate, before: FitResult | None)
 
 
 def _scaling(small: tuple[int, ...], large: tuple[int, ...], like: Tensor) -> Tensor:
-    """The map of pixels (3, 3), or of voxels (4, 4), from a picture to the same one at another size."""
+    """Return the map of pixels (3, 3), or of voxels (4, 4), from a picture to its version of another size."""
     times = like.new_tensor([to / side for to, side in zip(large[::-1], small[::-1], strict=True)])
     matrix = torch.cat([times, times.new_ones(1)]).diag()
     matrix[:-1, -1] = (times - 1) / 2

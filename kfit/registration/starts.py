@@ -1,4 +1,4 @@
-"""Where a registration may begin: nothing moved, phase correlation, matched features, and random motions."""
+"""Starts of a registration: identity, phase correlation, matched features, and random motions."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from kfit.generators.volume_motions import volume_matrix_of
 
 
 class GivenStarts(Initializer):
-    """Starts each problem at values of its own.
+    """Start each problem at fixed values.
 
     Args:
         values: (B, S, \\*shape) of each variable.
@@ -33,10 +33,10 @@ class GivenStarts(Initializer):
 
 
 def candidate_matrices(moving: Tensor, fixed: Tensor, masks: tuple[Tensor, Tensor]) -> Tensor:
-    """Maps of pixels from moving to fixed pictures: the identity, phase correlation, matched features.
+    """Return candidate maps of pixels from moving to fixed pictures: the identity, phase correlation, matched features.
 
     Returns:
-        (B, 3, 3, 3); of volumes, which have no such features, (B, 2, 4, 4).
+        (B, 3, 3, 3); for volumes, which have no such features, (B, 2, 4, 4).
     """
     found = []
     for number in range(len(moving)):
@@ -48,7 +48,7 @@ def candidate_matrices(moving: Tensor, fixed: Tensor, masks: tuple[Tensor, Tenso
 
 
 def phase_correlation(moving: Tensor, fixed: Tensor) -> Tensor:
-    """The shift at the peak of the pictures' phase correlation (Kuglin and Hines, 1975), by scikit-image.
+    """Return the shift at the peak of the pictures' phase correlation (Kuglin and Hines, 1975), by scikit-image.
 
     Args:
         moving, fixed: (H, W) or (D, H, W).
@@ -69,7 +69,7 @@ def phase_correlation(moving: Tensor, fixed: Tensor) -> Tensor:
 
 
 def matched_features(moving: Tensor, fixed: Tensor, moving_known: Tensor, fixed_known: Tensor) -> Tensor:
-    """The homography (3, 3) of matched SIFT features, by OpenCV; the identity where too few agree."""
+    """Return the homography (3, 3) of matched SIFT features, by OpenCV; the identity if too few agree."""
     import cv2
     import numpy as np
 
@@ -95,7 +95,7 @@ def matched_features(moving: Tensor, fixed: Tensor, moving_known: Tensor, fixed_
 
 
 def random_motions(values: Variables, count: int, seed: int) -> Variables:
-    """Motions (B, count, \\*shape) near none: turns up to 30°, shifts up to 0.3 half-widths, scales up to 15 %."""
+    """Return random motions (B, count, \\*shape): up to 30°, 0.3 half-widths and 15 % of scale."""
     rng = torch.Generator().manual_seed(seed)
     reach = {"roll": math.radians(30), "shift": 0.3, "scale": 0.15}
     found = {}
@@ -106,7 +106,7 @@ def random_motions(values: Variables, count: int, seed: int) -> Variables:
 
 
 def random_volume_matrices(count: int, size: tuple[int, ...], seed: int) -> Tensor:
-    """Maps of voxels (count, 4, 4) near none: turns up to 30°, shifts up to 0.3 half-sides, scales up to 15 %."""
+    """Return random maps of voxels (count, 4, 4): up to 30°, 0.3 half-sides and 15 % of scale."""
     rng = torch.Generator().manual_seed(seed)
     axis = torch.nn.functional.normalize(torch.randn(count, 3, generator=rng), dim=1)
     turn, scale = (reach * (2 * torch.rand(count, 1, generator=rng) - 1) for reach in (30 / 180, 0.15))

@@ -8,7 +8,6 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import minimum  # type: ignore[import-untyped]
 
 from kfit.segmentation.segmenter import Segment
 
@@ -88,7 +87,8 @@ def _without_stray_parts(mask: NDArray[np.float32]) -> Segment:
     main = int(area.argmax())
     share = area / area[main]
     away = cv2.distanceTransform((parts != main).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    gap = np.asarray(minimum(away, parts, range(number)))
+    gap = np.full(number, np.inf)
+    np.minimum.at(gap, parts.ravel(), away.ravel())
     far = gap > FAR * max(stats[main, cv2.CC_STAT_WIDTH], stats[main, cv2.CC_STAT_HEIGHT])
     dropped = (share < SPECK) | (far & (share < STRAY))
     dropped[0] = False

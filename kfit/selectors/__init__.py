@@ -1,4 +1,4 @@
-"""Which start wins."""
+"""Selectors: which start wins."""
 
 from kfit.selectors.clusters import Clusters
 from kfit.selectors.lowest_energy import LowestEnergy

@@ -1,4 +1,4 @@
-"""The pose that the starts give most weight."""
+"""The rotation with the largest total weight of starts."""
 
 from __future__ import annotations
 
@@ -12,18 +12,26 @@ from kfit.geometry.pose import Symmetry, rotation_of
 
 
 class Clusters(Selector):
-    """Groups each problem's rows by rotation and picks the best row of the group of largest weight.
+    """Group each problem's rows by rotation and select the best row of the group of largest weight.
 
     A row weighs exp(−(E − E_best) / (temperature · E_best)), a group the sum of its rows, so both many and good starts
-    count; as ``temperature`` falls to 0 the lowest energy decides, as it rises the number of starts.
+    count. As ``temperature`` falls to 0 the lowest energy decides, as it rises the number of starts.
 
     Args:
-        symmetry: ``"y"`` takes turns about the vertical axis for the same pose.
+        symmetry: ``"y"`` ignores rotations about the vertical axis.
         within_deg: largest angle of a row from the best one of its group.
         temperature: relative to the lowest energy.
 
     Raises:
-        ValueError: for a symmetry of another name, an angle outside 0° to 180° and a temperature not above 0.
+        ValueError: if the symmetry is unknown, the angle is outside 0° to 180°, or the temperature is not above 0.
+
+    Example:
+        >>> import torch
+        >>> from kfit.selectors import Clusters
+        >>> energy, problem = torch.tensor([0.300, 0.200, 0.205, 0.210]), torch.zeros(4, dtype=torch.long)
+        >>> azimuth = torch.tensor([0.0, 3.0, 1.0, 1.1])  # two good starts agree, the best is alone
+        >>> Clusters()(energy, {"azimuth": azimuth, "elevation": torch.zeros(4)}, problem)
+        tensor([2])
     """
 
     def __init__(
@@ -42,7 +50,7 @@ class Clusters(Selector):
             rows = rows[energy[rows].argsort(stable=True)]
             cluster = rotation_clusters(rotation[rows], energy[rows], self.symmetry, self.within_deg)
             weight = energy_weights(energy[rows], self.temperature)
-            # Of equal groups the first, whose best row is better.
+            # argmax takes the first of equal groups, whose best row is better.
             heaviest = torch.zeros_like(weight).index_add(0, cluster, weight).argmax()
             winners.append(rows[int((cluster == heaviest).nonzero()[0])])
         return torch.stack(winners)

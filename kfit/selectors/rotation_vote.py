@@ -1,4 +1,4 @@
-"""The start that most of the best starts agree with."""
+"""A vote of the best starts on the rotation."""
 
 from __future__ import annotations
 
@@ -14,18 +14,26 @@ from kfit.geometry.pose import rotation_error, rotation_of
 
 
 class RotationVote(Selector):
-    """Lets the best starts vote on the rotation, as the released code does (neural_object_fitting@7309348 eval.py).
+    """Let the best starts vote on the rotation, as in the released code (neural_object_fitting@7309348 eval.py).
 
-    Of the ``top`` rows of lowest energy, each counts those within ``within_deg`` of it; the one with most wins, and
-    its lowest-energy supporter is the answer.
+    Each of the ``top`` rows of lowest energy counts those within ``within_deg`` of it. The row with most votes wins,
+    and the row of lowest energy among its voters is selected.
 
     Args:
         symmetry: ``"y"`` compares vertical axes only.
-        top: voters.
+        top: number of voters.
         within_deg: degrees within which two rotations agree.
 
     Raises:
-        ValueError: for no voters, a negative angle, or a symmetry of another name.
+        ValueError: if there are no voters, the angle is negative, or the symmetry is unknown.
+
+    Example:
+        >>> import torch
+        >>> from kfit.selectors import RotationVote
+        >>> energy, problem = torch.tensor([0.300, 0.200, 0.205, 0.210]), torch.zeros(4, dtype=torch.long)
+        >>> azimuth = torch.tensor([0.0, 3.0, 1.0, 1.1])  # two good starts agree, the best is alone
+        >>> RotationVote()(energy, {"azimuth": azimuth, "elevation": torch.zeros(4)}, problem)
+        tensor([2])
     """
 
     def __init__(self, symmetry: Literal["none", "y"] = "none", top: int = 5, within_deg: float = 10.0) -> None:
@@ -42,6 +50,6 @@ class RotationVote(Selector):
             rows = rows[energy[rows].argsort(stable=True)][: self.top]
             apart = rotation_error(rotation[rows][:, None], rotation[rows][None], self.symmetry)
             agree = apart <= self.within
-            best = agree.sum(1).argmax()  # of equal counts the first, which has the lower energy
+            best = agree.sum(1).argmax()  # the first of equal counts has the lowest energy
             winners.append(rows[int(agree[best].nonzero()[0])])
         return torch.stack(winners)

@@ -1,4 +1,4 @@
-"""An object through the frames of a video."""
+"""Tracking of an object through a video."""
 
 from kfit.tracking.track import track
 from kfit.tracking.tracked_pose import TrackedPose

@@ -1,4 +1,4 @@
-"""One picture that is moved in its plane, and starts that are told: what following an object needs of a fit."""
+"""A fixed picture that is moved in its plane, and fixed starts, for tracking."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from kfit.generators.similarity_warp import warp
 
 
 class FixedStart(Initializer):
-    """Starts at what it is told."""
+    """Start at fixed values."""
 
     def __init__(self, on: Sequence[str]) -> None:
         self.on = tuple(on)
@@ -29,7 +29,7 @@ class FixedStart(Initializer):
 
 
 class FixedRendering(Generator):
-    """One picture, turned, shifted and scaled."""
+    """One picture, rotated, shifted and scaled."""
 
     drawn: Rendering
 

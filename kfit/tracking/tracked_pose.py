@@ -1,4 +1,4 @@
-"""Where an object is in one frame of a video."""
+"""The pose of an object in one frame of a video."""
 
 from __future__ import annotations
 
@@ -12,22 +12,27 @@ from kfit.geometry import Crop
 
 @dataclass(frozen=True)
 class TrackedPose:
-    """Where the object is in one frame.
+    """The pose of the object in one frame.
 
     Attributes:
         rotation: (3, 3), object (NOCS axes, y up) to camera (OpenCV: x right, y down, z forward).
-        translation: (3,) of the object's centre, in metres, by the category's mean size.
+        translation: (3,) of the object's centre, in metres, from the category's mean size.
         size: (3,) sides of the object's box, in metres.
-        energy: by which the pose was chosen; lower is better.
-        overlap: intersection over union of drawing and mask, in [0, 1]; low where the object is about to be lost.
-        confidence: that the rotation is within 20° of the truth, in [0, 1]; see `kfit.tracking.Tracker`.
-        lost: whether overlap or energy show that the pose is not the object's, or nothing was seen of it.
-        anew: whether the frame was fitted from nothing: the first, and those where the object was lost.
+        energy: ranking energy of the pose; lower is better.
+        overlap: intersection over union of drawing and mask, in [0, 1]; low if tracking is about to fail.
+        confidence: probability that the rotation is within 20° of the truth, in [0, 1]; see `kfit.tracking.Tracker`.
+        lost: whether overlap or energy show that the pose is not the object's, or no object was found.
+        anew: whether the frame was fitted from scratch: the first, and those where the object was lost.
         intrinsics: (3, 3).
         mask: (H, W) that was used.
         crop: the square that was compared.
         drawing: (S, S, 3), the picture that explains it.
         silhouette: (S, S) in [0, 1], above 1/2 where the drawing shows the object.
+
+    Example:
+        >>> from kfit.tracking import track
+        >>> for pose in track(kfit.load("mug"), frames, mask=first_mask):  # doctest: +SKIP
+        ...     print(pose.found, pose.rotation, pose.translation, pose.confidence)
     """
 
     rotation: NDArray[np.float64]
@@ -46,5 +51,5 @@ class TrackedPose:
 
     @property
     def found(self) -> bool:
-        """Whether the object was seen, and the pose explains it."""
+        """Whether an object was found and the pose explains it."""
         return not self.lost

@@ -1,4 +1,4 @@
-"""Following one object from frame to frame."""
+"""Tracking of one object from frame to frame."""
 
 from __future__ import annotations
 
@@ -32,47 +32,60 @@ from kfit.segmentation import Photo, binary_mask, mask_in_photo, read_photo
 from kfit.tracking.fixed_rendering import FixedRendering, FixedStart
 from kfit.tracking.tracked_pose import TrackedPose
 
-# Of differences in roll, shift and scale, in raw units: two degrees and two thirds of a pixel.
+# Finite differences of roll, shift and scale in raw units: about 2° and 0.7 pixel.
 LENGTHS = {"roll": 0.012, "shift": 0.02, "scale": 0.02}
 STEPS = 3
-# About the silhouette, in shares of the grid in which the mask is looked for: after a good mask, and after a bad one.
+# Width of the band around the silhouette in which the mask is segmented, as a fraction of the grid: after a good mask,
+# and after a bad one.
 BAND, WIDE_BAND = 0.05, 0.09
-# Overlap of drawing and mask below which the object is looked for anew, and above which a mask is held to be good.
+# Overlap of drawing and mask below which the object is lost, and above which a mask is good.
 LOST, GOOD = 0.6, 0.85
-# Times the usual energy above which it is, too, and how fast what is usual follows.
+# Multiple of the running mean of the energy above which it is lost too, and update rate of this mean.
 UNUSUAL, LEARNING = 2.0, 0.2
-# Degrees from one frame to the next that are a jump to another pose, and frames without one until a pose is trusted.
+# Angle between frames in degrees that counts as a jump, and number of frames without a jump until a pose is trusted.
 JUMP_DEG, CALM = 30.0, 5
-# Share of the last motion in what is expected of the next.
+# Weight of the last motion in the extrapolation.
 MOMENTUM = 0.5
 
 
 class Tracker:
-    """What `track` knows of the object from frame to frame; hand it the frames one by one, as they come.
+    """State of `track` between frames; call it with one frame after another.
 
-    A frame's confidence is that of the model's calibration, by the two poses that are compared in it in place of a
-    fit's starts, and the share of the pose head's probability near the better one. It is 50 % at most where the frame
-    is lost, where its mask differs from the drawing (an overlap below 0.85), where the energy is twice that of the last
-    frame that was fitted from nothing, and in the five frames after a jump of 30°; it is 0 where nothing is seen.
+    A frame's confidence comes from the model's calibration, with the two poses that are compared in place of a fit's
+    starts, and the pose head's probability near the better one. It is at most 50 % if the frame is lost, if its mask
+    differs from the drawing (an overlap below 0.85), if the energy is twice that of the last frame that was fitted from
+    scratch, and in the five frames after a jump of 30°; it is 0 if no object is found.
 
     Args:
         model: with a pose head.
         first: its answer to the first frame.
-        seed: decides the random numbers where the object must be looked for anew.
+        seed: determines the random numbers of fits from scratch.
 
     Attributes:
-        last: where the object was in the last frame.
-        num_drawn: pictures drawn in frames that were followed.
+        last: pose of the object in the last frame.
+        num_drawn: pictures drawn in tracked frames.
+
+    Example:
+        >>> import numpy as np, kfit
+        >>> image, mask = np.ones((96, 96, 3)), np.zeros((96, 96))
+        >>> image[20:80, 30:70], mask[20:80, 30:70] = (0.7, 0.2, 0.1), 1
+        >>> model = kfit.load("mug")
+        >>> from kfit.tracking import Tracker
+        >>> first = model.pose(image, mask=mask, pipeline=model.pipeline(num_starts=1, num_steps=1))
+        >>> tracker = Tracker(model, first)
+        >>> pose = tracker(image, mask)
+        >>> pose.found, tracker.last is pose
+        (True, True)
     """
 
     def __init__(self, model: CategoryModel, first: PoseResult, seed: int = 0) -> None:
         check_count("track: seed", seed, 0)
         if model.pose_head is None:
-            raise ValueError(f"track: the model of {model.card.category} has no pose head, which following rests on")
+            raise ValueError(f"track: the model of {model.card.category} has no pose head, which tracking needs")
         self.model, self.seed, self.num_drawn = model, seed, 0
         self.reads, self.says = PosePosterior(model.pose_head), PosePrior(model.pose_head)
         self.energies = default_energies()
-        # Features are too rough for so long differences: with EfficientNet's, Gauss-Newton hardly moves.
+        # Features are too rough for such long differences: with EfficientNet's, Gauss-Newton hardly moves.
         self.place = FitPipeline(
             FixedRendering(),
             {"image": L2(), "silhouette": Silhouette()},
@@ -113,14 +126,14 @@ class Tracker:
         """Find the object in the next frame.
 
         Args:
-            frame: as large as the ones before.
-            mask: (H, W), above one half on the object, empty where it is not to be seen; else it is found.
+            frame: of the size of the first.
+            mask: (H, W), above one half on the object, empty if it is not visible; None segments it.
 
         Returns:
-            Where it is; where nothing stands out, where it was, with no overlap.
+            The pose; if no object is found, the last pose with an overlap of 0.
 
         Raises:
-            ValueError: for a frame or mask that cannot be used.
+            ValueError: if a frame or mask cannot be used.
         """
         if isinstance(frame, str | Path):
             frame = read_photo(frame)
@@ -155,17 +168,17 @@ class Tracker:
         return self._anew(pixels) if mask is None and self.last.lost else self.last
 
     def _pose(self, seen: Observation) -> tuple[float, float]:
-        """Choose azimuth and elevation; the least energy, and the confidence."""
+        """Choose azimuth and elevation; return the least energy and the confidence."""
         moved = self.values | {name: self.values[name] + self.motion[name] for name in self.motion}
         told = self.values | self._read(seen)
         self.starts.values = {name: torch.cat([moved[name], told[name]]) for name in moved}
         best = self.rank(seen, seed=0)
-        self.num_drawn += 3  # the two, and the winner once more
+        self.num_drawn += 3  # both, and the winner again
         self.values = dict(best.values)
         return float(best.energy[0]), self._confidence(best, seen)
 
     def _confidence(self, ranked: FitResult, seen: Observation) -> float:
-        """What the model's calibration makes of the two poses that were compared and of the pose head's probability."""
+        """Return the confidence by the model's calibration, from the two compared poses and the pose head."""
         symmetry, head = self.model.card.known.symmetry, self.model.pose_head
         looks = self.model.pose_log_probabilities(seen.image)
         found = alternatives(ranked, torch.eye(3, dtype=torch.float64), symmetry)
@@ -177,7 +190,7 @@ class Tracker:
         return min(sure, DOUBTFUL) if found[0].energy > calibration.energy_99 else sure
 
     def _read(self, seen: Observation) -> Variables:
-        """The likeliest rotation by the pose head; roll is left out where the head does not predict it."""
+        """Return the likeliest rotation of the pose head; roll is omitted if the head does not predict it."""
         start = self.reads({}, seen, 1, [])
         return {
             name: value.to(self.values[name])
@@ -186,7 +199,7 @@ class Tracker:
         }
 
     def _placed(self, seen: Observation) -> Rendering:
-        """Fit roll, shift and scale of the one drawing, and what it is then."""
+        """Fit roll, shift and scale of the one drawing, and return the drawing."""
         drawn = self._drawn()
         self.place.generator.drawn = drawn  # type: ignore[assignment]
         own = {name: self.values[name] for name in LENGTHS}
@@ -240,26 +253,26 @@ class Tracker:
         )
 
     def _nearby(self, pixels: NDArray[np.float32]) -> NDArray[np.float32] | None:
-        """The mask about where the silhouette should be."""
+        """Segment the mask around the expected silhouette."""
         self.crop = self._expected()
         band = BAND if self.last.overlap > GOOD else WIDE_BAND
         return mask_in_photo(pixels, self.silhouette.numpy(), self.crop, band)
 
     def _expected(self) -> Crop:
-        """The crop, had the object moved as it did last."""
+        """Return the crop, extrapolated from the last motion."""
         (x, y), (right, down, larger) = self.crop.centre, self.drift
         return replace(self.crop, centre=(x + right, y + down), side=self.crop.side * larger)
 
     def _anew(self, pixels: NDArray[np.float32]) -> TrackedPose:
-        """Fit the frame from nothing, in the box where the object should be."""
+        """Fit the frame from scratch, in the box where the object is expected."""
         left, top = (middle - self.crop.side / 2 for middle in self.crop.centre)
         box = (left, top, self.crop.side, self.crop.side)
         try:
             usual = self.usual
             self._start(self.model.pose(pixels, box=box, intrinsics=self.camera, seed=self.seed))
-        except ValueError:  # nothing stands out there; perhaps it will in the next
+        except ValueError:  # no object found in this frame
             return self._unseen()
-        if self.last.energy > UNUSUAL * usual:  # what was found there is something else
+        if self.last.energy > UNUSUAL * usual:  # another object was found
             self.last, self.usual = replace(self.last, lost=True, confidence=min(self.last.confidence, DOUBTFUL)), usual
         return self.last
 

@@ -37,6 +37,7 @@ def test_what_is_found_in_a_photo_can_be_chosen(visit, upload, drawn_mug, monkey
     assert visit.mask is masks[0]
     visit.choose(1)
     assert visit.mask is masks[1]
+    assert visit.command("b") == "kfit pose mug.png"
     assert visit.command("mug") == "kfit pose mug.png --category mug --box 1 2 3 4"
     visit.take(upload(drawn_mug))
     assert visit.found() == []
@@ -56,7 +57,8 @@ def test_a_file_that_is_refused_is_deleted_too_and_what_was_there_stays(visit, u
 def test_an_alpha_channel_does_without_a_box(visit, upload, drawn_mug):
     visit.take(upload(drawn_mug))
     assert np.array_equal(visit.mask, drawn_mug[..., 3].astype(np.float32) / np.float32(255))
-    assert visit.command("mug") == "kfit pose mug.png --category mug"
+    assert visit.command(visit.target.category) == "kfit pose mug.png"
+    assert visit.command("bowl") == "kfit pose mug.png --category bowl"
 
 
 def test_a_box_is_cut_as_the_command_line_does(visit, upload, drawn_mug):
@@ -120,7 +122,7 @@ def test_a_fit_can_be_downloaded_as_report_and_numbers(visit, upload, drawn_mug,
     assert all(isinstance(one, Drawn) for one in drawn)
     assert isinstance(result, PoseResult)
     page, numbers = visit.write(result)
-    assert asked == [("mug", "kfit pose mug.png --category mug")]
+    assert asked == [("mug", visit.command("mug"))]
     assert page.read_text() == "<!doctype html>"
     assert json.loads(numbers.read_text()) == json.loads(json.dumps(result.to_dict()))
     assert sorted(path.name for path in visit.folder.iterdir()) == ["pose.json", "report.html"]

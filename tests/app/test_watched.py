@@ -8,8 +8,10 @@ import pytest
 from kfit.app.watched import watched
 from kfit.core import Callback, FitError
 from kfit.models import load
+from kfit.models.find_poses import pose_of
 from kfit.pose import PoseResult
-from kfit.segmentation import Photo
+from kfit.pose.object_finder import FoundObject
+from kfit.segmentation import Photo, Segment
 
 
 @pytest.fixture(scope="module")
@@ -19,7 +21,9 @@ def model():
 
 @pytest.fixture
 def seen(drawn_mug):
-    return Photo(drawn_mug[..., :3].astype(np.float32) / np.float32(255)), (drawn_mug[..., 3] > 0).astype(np.float32)
+    mask = (drawn_mug[..., 3] > 0).astype(np.float32)
+    photo = Photo(drawn_mug[..., :3].astype(np.float32) / np.float32(255))
+    return photo, FoundObject("mug", 0.3, (0, 0, 128, 128), Segment(mask, ("a note",), ("a doubt",)))
 
 
 @pytest.mark.slow
@@ -31,9 +35,11 @@ def test_each_step_is_told_once_and_the_answer_is_that_of_an_unwatched_fit(model
     energies = [drawn.energy for drawn in told]
     assert energies == sorted(energies, reverse=True)
     assert energies[-1] < energies[0]
-    unwatched = model.pose(seen[0], mask=seen[1])
+    unwatched = pose_of(model, *seen)
     assert isinstance(result, PoseResult)
     assert result.to_dict() == unwatched.to_dict()
+    assert result.confidence <= 0.3
+    assert {"a note", "a doubt"} <= set(result.notes)
     assert np.abs(told[-1].drawing - result.drawing).max() < 1e-3
     assert np.abs(told[0].drawing - result.drawing).max() > 0.05
     assert np.array_equal(told[0].seen, result.observation.image[0].movedim(0, -1).numpy())
@@ -56,8 +62,3 @@ def test_what_goes_wrong_in_the_fit_is_raised_where_it_is_watched(model, seen, m
     monkeypatch.setattr(model, "pipeline", lambda **settings: usual(callbacks=[Broken()], **settings))
     with pytest.raises(FitError, match="every start failed"):
         list(watched(model, *seen))
-
-
-def test_a_mask_that_is_empty_is_refused(model, seen):
-    with pytest.raises(ValueError, match="mask is empty"):
-        next(watched(model, seen[0], np.zeros_like(seen[1])))

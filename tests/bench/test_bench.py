@@ -11,8 +11,9 @@ from kfit.optimizers import LevenbergMarquardt
 
 
 @pytest.mark.slow
-def test_registration_prints_a_table_and_who_is_more_accurate(capsys):
-    main(["bench", "registration", "--pictures", "[coffee,coins]", "--size", "96"])
+def test_registration_prints_a_table_and_who_is_more_accurate(capsys, tmp_path):
+    main(["bench", "registration", "--pictures", "[coffee,coins]", "--size", "96", "--out", str(tmp_path)])
+    assert "| median of all |" in (tmp_path / "README.md").read_text()
     said = capsys.readouterr().out
     assert "ECC, no blur" in said
     assert "floor" in said
@@ -22,10 +23,15 @@ def test_registration_prints_a_table_and_who_is_more_accurate(capsys):
 def test_rivals_are_told_apart_by_the_floor_and_by_the_median_of_draws():
     ours, theirs, floor = [0.1, 0.2, 0.2, 0.3], [0.4, 0.1, 0.25, 0.2], [0.08] * 4
     told = "kfit is at least as accurate as ECC on 2 of 4 pairs: nearer by more than the floor on 1, further by more"
-    told += " than it on 2"
+    told += " than it on 2; it loses 0 (off by over 1 pixel) that ECC finds"
     assert bench_registration.compared(ours, theirs, floor, "ECC", 1) == told
     told += "; by the median of 2 draws on 1 of 2 pictures"
     assert bench_registration.compared(ours, theirs, floor, "ECC", 2) == told
+
+
+def test_a_pair_that_only_the_rival_finds_is_counted_as_lost():
+    compared = bench_registration.compared([0.1, 3.0, 3.0], [0.2, 0.5, 9.0], [0.1] * 3, "ECC", 1)
+    assert "it loses 1 (off by over 1 pixel) that ECC finds" in compared
 
 
 def test_a_pair_is_the_same_scene_under_its_map():

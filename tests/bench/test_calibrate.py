@@ -44,6 +44,7 @@ def test_calibrate_writes_the_card_and_a_table_that_check_repeats(
     said = capsys.readouterr().out
     assert "by cross-validation" in said
     assert "calibration error" in said
+    assert "covariances are multiplied by" in said
     assert [path.name for path in model.parent.iterdir()] == ["tiny.safetensors"]
     written = model.read_bytes()
     one = load(model).card.calibration["RGB"]
@@ -51,7 +52,9 @@ def test_calibrate_writes_the_card_and_a_table_that_check_repeats(
     assert (one.fits["starts"], one.fits["steps"], one.fits["left"]) == (3, 2, 3)
     assert not any(isinstance(weight, Schedule) for weight in one.fits["weights"].values())
     main(["calibrate", "--model", str(model), "--views", "2", "--seed", "0", "--check"])
-    assert "views have an energy above the card's" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "views have an energy above the card's" in said
+    assert "right answers have the truth in the 95 % ellipsoid of their covariance" in said
     assert model.read_bytes() == written
 
 

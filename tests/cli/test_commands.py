@@ -122,12 +122,14 @@ def test_importing_the_commands_loads_no_torch() -> None:
 
 
 @pytest.mark.slow
-def test_a_fit_loads_nothing_that_it_does_not_need() -> None:
+def test_an_answer_imports_nothing_that_it_does_not_need(cutout: Path, tmp_path: Path) -> None:
     # Each costs a tenth to half a second of the answer to a photo.
-    heavy = ("sympy", "matplotlib", "lightning", "onnxruntime", "h5py", "torch._dynamo")
+    heavy = {"sympy", "matplotlib", "lightning", "h5py", "scipy", "skimage", "trimesh", "pandas", "torch._dynamo"}
     # torch 2.6 loads sympy for its checkpoints, which Kornia imports.
-    code = "import sys, torch.utils.checkpoint; theirs = set(sys.modules); "
-    code += "from kfit.models import load; load('mug').pipeline(); "
-    code += f"print([name for name in {heavy} if name in set(sys.modules) - theirs])"
-    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert found.stdout.strip() == "[]"
+    code = "import sys, kornia, onnxruntime, torch.utils.checkpoint; theirs = set(sys.modules); "
+    code += "from kfit.cli.main import main; main(sys.argv[1:]); print(*set(sys.modules) - theirs)"
+    words = ["pose", str(cutout), "--category", "mug", "--out", str(tmp_path)]
+    found = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True, check=True)
+    modules = set(found.stdout.splitlines()[-1].split())
+    assert heavy & modules == set()
+    assert 100 < len(modules) < 700

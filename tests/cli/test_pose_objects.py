@@ -55,7 +55,7 @@ def test_what_is_typed_picks_from_the_list(
 
 
 def test_what_is_of_one_photo_is_refused_for_several(capsys: pytest.CaptureFixture[str]) -> None:
-    for words in (["--box", "1", "2", "3", "4"], ["--mask", "m.png"], ["--report", "r.html"]):
+    for words in (["--depth", "d.png"], ["--mesh", "m.glb"], ["--report", "r.html"]):
         with pytest.raises(SystemExit):
             main(["pose", "a.png", "b.png", *words])
         assert f"{words[0]} is of one photo, but 2 were given" in capsys.readouterr().err

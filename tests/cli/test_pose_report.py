@@ -80,3 +80,5 @@ def test_the_command_that_is_told_is_one_that_can_be_given() -> None:
     assert pose.command(pose.parser().parse_args(words)) == (
         "kfit pose 'my mug.png' --category mug --box 1 2 30.5 40 --json"
     )
+    words = ["a.png", "b.png", "--mask", "c.png", "--mask", "d.png", "--relative-poses", "p.json"]
+    assert pose.command(pose.parser().parse_args(words)) == f"kfit pose {' '.join(words)}"

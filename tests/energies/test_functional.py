@@ -1,7 +1,5 @@
 """Functional forms, and metrics of torchmetrics made of energies."""
 
-import doctest
-import importlib
 import inspect
 
 import pytest
@@ -70,10 +68,3 @@ class TestMeanEnergy:
     def test_refuses_what_is_no_energy(self):
         with pytest.raises(TypeError, match=r"energy must be a kfit.core.Energy, got Linear"):
             MeanEnergy(torch.nn.Linear(1, 1))
-
-
-@pytest.mark.parametrize("module", ["functional", "mean_energy", "psnr", "silhouette", "smoothness"])
-def test_examples_in_docstrings_give_what_they_show(module):
-    found = doctest.testmod(importlib.import_module(f"kfit.energies.{module}"))
-    assert found.attempted > 0
-    assert found.failed == 0

@@ -73,6 +73,12 @@ def test_two_views_find_the_pose_of_a_mesh_from_forty_degrees_away(tmp_path: Pat
 
 
 @pytest.mark.slow
+def test_a_second_photo_tells_how_large_and_how_far_away_a_mug_is(tmp_path: Path) -> None:
+    one, two = numbers(r"off by ([\d.]+) cm", run("pose_two_photos.py", tmp_path))
+    assert two < 5 < 10 < one
+
+
+@pytest.mark.slow
 def test_a_bent_picture_is_straightened(tmp_path: Path) -> None:
     printed = run("bend_a_picture.py", tmp_path)
     before, after = numbers(r"by ([\d.]+) (?:before|after)", printed)

@@ -99,7 +99,7 @@ def test_a_class_that_cannot_be_imported_is_refused():
         def compare(self, prediction, prepared):
             return (prediction - prepared["target"]).abs().mean((1, 2, 3))
 
-    with pytest.raises(ValueError, match=r"energies.own: .*Own can be imported from nowhere"):
+    with pytest.raises(ValueError, match=r"energies.own: .*Own cannot be imported"):
         pipeline(energies={"own": Own()}, weights=None, rank_weights=None).to_yaml()
 
 

@@ -219,7 +219,7 @@ def test_images_without_anything_change_nothing(scores):
     [
         ({"pred_RTs": None}, "has no pred_RTs; it has gt_RTs"),
         ({"gt_RTs": None}, "has no gt_RTs"),
-        ({"pred_scales": np.ones((2, 3))}, r"pred_scales must have shape \(1, 3\) as its class ids say, got \(2, 3\)"),
+        ({"pred_scales": np.ones((2, 3))}, r"pred_scales must have shape \(1, 3\) by its class ids, got \(2, 3\)"),
         ({"pred_scores": np.array(["high"])}, "pred_scores must hold numbers"),
         ({"pred_RTs": np.ones((1, 4, 4))}, "last row is 0 0 0 1"),
         ({"gt_class_ids": np.ones((1, 1))}, r"gt_class_ids must be \(N,\) numbers"),
@@ -233,7 +233,7 @@ def test_a_result_that_lacks_something_is_named(change, sentence):
 
 
 def test_what_was_not_measured_is_not_told(scores):
-    with pytest.raises(ValueError, match=r"degrees must hold 7\.5 to tell AP there"):
+    with pytest.raises(ValueError, match=r"degrees must hold 7\.5 for AP there"):
         scores.pose(7.5, 5)
     with pytest.raises(ValueError, match=r"ious must hold 0\.333"):
         scores.iou(0.333)

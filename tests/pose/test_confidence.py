@@ -15,7 +15,7 @@ from kfit.geometry import Crop
 from kfit.models import read_card
 from kfit.pose import Alternative, CategoryModel
 from kfit.pose.calibrating import calibrate, calibrated, cross_validated, reliability
-from kfit.pose.confidence import Calibration, confidence, evidence, how_fitted
+from kfit.pose.confidence import UNMEASURED, Calibration, confidence, evidence, how_fitted
 from kfit.pose.observed_object import cut_off, too_small
 
 FITS = {"starts": 4, "steps": 2, "left": 2, "weights": {"l1": 1.0, "prior": 0.5}}
@@ -184,12 +184,19 @@ def test_a_card_keeps_its_calibrations(tiny_file: Path) -> None:
     told = [{"energy": one["x"], "looks": one["y"]} for one in made]
     card = read_card(tiny_file)
     assert card.calibration == {}
-    card.calibration["RGB"] = calibrate(told, right, list(range(30)), FITS, 7)
+    card.calibration["RGB"] = calibrate(told, right, list(range(30)), FITS, 7, [25.184] * 20)
     put_card(tiny_file, card.to_json())
     again = read_card(tiny_file).calibration["RGB"]
     assert again == card.calibration["RGB"]
     assert again.views == 30
     assert again.energy_99 == pytest.approx(28.71)
+    assert again.covariance_factor == pytest.approx(2)
+
+
+def test_a_calibration_from_before_covariances_were_measured_is_read(tiny_file: Path) -> None:
+    put_card(tiny_file, card_of(tiny_file) | {"calibration": {"RGB": GOOD}})
+    assert "covariance_factor" not in GOOD
+    assert read_card(tiny_file).calibration["RGB"].covariance_factor == UNMEASURED
 
 
 def test_a_card_from_before_calibrations_is_read(tiny_file: Path) -> None:

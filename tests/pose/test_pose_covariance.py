@@ -16,6 +16,8 @@ import kfit
 from kfit.core import FitResult, History, Observation, Rendering, Variables
 from kfit.geometry import CATEGORIES, Crop
 from kfit.pose import CategoryModel
+from kfit.pose.calibrating import CHI2_95, covariance_factor
+from kfit.pose.confidence import UNMEASURED, Calibration
 from kfit.pose.covariance import ANGLE_SD, pose_covariance, rotation_offset, size_log_sd
 from kfit.pose.observed_object import ObservedObject
 from kfit.pose.placement import placement
@@ -186,6 +188,31 @@ def test_a_lens_that_is_estimated_leaves_the_distance_more_uncertain() -> None:
     assert float(estimated[5, 5]) > 1.5 * float(given[5, 5])
 
 
+def test_the_factor_of_the_card_multiplies_all_but_what_symmetry_leaves_open() -> None:
+    fits = {"starts": 1, "steps": 1, "left": 1, "weights": {}}
+    for category, kept in (("mug", 0.0), ("bottle", ANGLE_SD**2)):
+        card = tiny_card(category)
+        plain = pose_covariance(fit_of(), seen(), card, linear)
+        card.calibration["RGB"] = Calibration(0.0, {}, 1.0, fits, 9, covariance_factor=4.0)
+        axis = np.zeros((6, 1))
+        axis[:3] = placement(fit_of().values, seen().crop, CAMERA, card)[0][0, :, 1:2].numpy()
+        turn = kept * axis @ axis.T
+        np.testing.assert_allclose(
+            pose_covariance(fit_of(), seen(), card, linear) - turn, 4 * (plain - turn), rtol=1e-6
+        )
+
+
+def test_the_factor_takes_in_95_percent_of_new_answers_whatever_their_distribution() -> None:
+    rng = np.random.default_rng(0)
+    held = []
+    for _ in range(400):  # heavy tails, far from χ²
+        distances = rng.pareto(2.0, 60) * 30
+        held.append(distances[59] <= CHI2_95 * covariance_factor(distances[:59].tolist()))
+    assert 0.93 < np.mean(held) < 0.98
+    assert covariance_factor([CHI2_95]) == 1
+    assert covariance_factor([]) == UNMEASURED
+
+
 def test_an_answer_copied_with_another_fit_computes_anew(tiny_model: CategoryModel) -> None:
     picture = np.random.default_rng(0).random((40, 40, 3))
     result = tiny_model.pose(picture, mask=np.ones((40, 40)), pipeline=tiny_model.pipeline(4, 1))
@@ -196,7 +223,7 @@ def test_an_answer_copied_with_another_fit_computes_anew(tiny_model: CategoryMod
 
 @pytest.mark.slow
 def test_most_truths_of_held_out_views_lie_in_the_ellipsoid() -> None:
-    from kfit.bench.covariance import CHI2_95, pose_offsets, squared_mahalanobis
+    from kfit.bench.covariance import pose_offsets, squared_mahalanobis
     from kfit.bench.held_out_views import held_out_views, rotation_errors
 
     model = kfit.load("mug")

@@ -100,10 +100,18 @@ class Answer:
     category_score: float | None = None
 
 
-def test_an_improbable_category_bounds_the_confidence_and_says_so() -> None:
-    doubted: Any = with_score(Answer(0.95, []), one("mug", LEFT, 0.04))  # type: ignore[arg-type]
-    assert doubted.confidence == 0.04
-    assert doubted.category_score == 0.04
-    assert doubted.notes[0].startswith("this is probably no mug: by its look that has a probability of 4 %")
+@pytest.mark.parametrize(
+    ("score", "note"),
+    [
+        (0.04, "this is probably no mug: by its look that has a probability of 4 %, which the confidence includes"),
+        (0.6, "by its look this is a mug with a probability of 60 %, which the confidence includes"),
+    ],
+)
+def test_an_improbable_category_lowers_the_confidence_and_says_so(score: float, note: str) -> None:
+    doubted: Any = with_score(Answer(0.95, ["cut off"]), one("mug", LEFT, score))  # type: ignore[arg-type]
+    assert doubted == Answer(score * 0.95, ["cut off", note], score)
+
+
+def test_a_probable_category_lowers_the_confidence_by_what_is_left_open() -> None:
     sure: Any = with_score(Answer(0.95, []), one("mug", LEFT, 0.9))  # type: ignore[arg-type]
-    assert sure == Answer(0.95, [], 0.9)
+    assert sure == Answer(0.9 * 0.95, [], 0.9)

@@ -1,0 +1,92 @@
+"""One object in several photos, for `kfit pose --relative-poses`."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from jsonargparse import Namespace
+
+from kfit.cli.object_arguments import camera_of
+from kfit.runtime.console import log
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from kfit.pose import CategoryModel, PoseResult
+    from kfit.pose.object_finder import FoundObject
+    from kfit.segmentation import Photo
+
+# Bytes; a matrix takes some 300.
+LARGEST = 1_000_000
+
+
+def read_poses(path: str, count: int) -> NDArray[np.float64]:
+    """Read the matrices (V, 4, 4) of a JSON file, from the first camera to each of V.
+
+    Raises:
+        ValueError: if the file holds anything else, or the matrices are no rigid motions that begin with the identity.
+    """
+    import numpy as np
+
+    from kfit.pose.views import check_relative_poses
+
+    if (size := Path(path).stat().st_size) > LARGEST:
+        raise ValueError(f"--relative-poses {path} has {size:,} bytes, more than {LARGEST:,}")
+    try:
+        poses = np.array(json.loads(Path(path).read_text(encoding="utf-8")), float)
+    except (ValueError, TypeError, RecursionError) as error:
+        raise ValueError(f"--relative-poses {path} holds no JSON list of 4 x 4 matrices: {error}") from None
+    try:
+        return check_relative_poses(poses, count).numpy()
+    except ValueError as error:
+        raise ValueError(f"--relative-poses {path}: {error}") from None
+
+
+def shared_object(found: Sequence[Sequence[FoundObject]], photos: Sequence[str]) -> list[FoundObject]:
+    """The one object that several photos show, as it was found in each.
+
+    Args:
+        found: what was found in each photo.
+        photos: their names.
+
+    Raises:
+        ValueError: unless just one category was found exactly once in each photo; nothing tells objects of one category
+            apart.
+    """
+    from kfit.geometry import CATEGORIES
+
+    once = [name for name in CATEGORIES if all(sum(one.category == name for one in targets) == 1 for targets in found)]
+    if len(once) == 1:
+        return [next(one for one in targets if one.category == once[0]) for targets in found]
+    listed = "; ".join(
+        f"{', '.join(one.category for one in targets) or 'nothing'} in {photo}"
+        for photo, targets in zip(photos, found, strict=True)
+    )
+    raise ValueError(
+        f"--relative-poses needs one object that each photo shows once, but found were {listed}; --category NAME, or "
+        "a --box or --mask for each photo, tells which"
+    )
+
+
+def answer_views(
+    args: Namespace,
+    photos: Sequence[str],
+    found: Sequence[tuple[Photo, list[FoundObject]]],
+    poses: NDArray[np.float64],
+    model_of: Callable[[str], CategoryModel],
+) -> PoseResult:
+    """The pose of the one object that all photos show, with its notes in the log."""
+    from kfit.models.find_poses import pose_in_views
+
+    targets = shared_object([targets for _, targets in found], photos)
+    for name, target in zip(photos, targets, strict=True):
+        log.info("found a %s (%.0f %%) in %s", target.category, 100 * target.score, name)
+    model, seen = model_of(targets[0].category), [photo for photo, _ in found]
+    result = pose_in_views(model, seen, targets, poses, camera_of(args), args.seed)
+    for note in result.notes:
+        log.info("%s", note)
+    return result
