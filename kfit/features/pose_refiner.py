@@ -7,12 +7,14 @@ from itertools import pairwise
 from pathlib import Path
 
 import torch
+from safetensors import SafetensorError
 from safetensors.torch import load_file
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from kfit.core.check import check_choice, check_count, check_list
+from kfit.core.check import check_count, check_list, check_text
 from kfit.geometry.refiner_network import PoseUpdate, RefinerNetwork
+from kfit.runtime.torch_file import read_torch
 
 WEIGHTS = Path(__file__).parent / "pose_refiner.safetensors"
 # Outputs of 1 stand for a rotation of 0.3 radians, a shift of 0.1 half-widths and a log scale of 0.1.
@@ -34,10 +36,12 @@ class PoseRefiner(RefinerNetwork):
         channels: of the levels, each half as wide and high as the one before.
         hidden_dim: units between the linear layers.
         image_size: side in pixels of the pictures that are compared.
-        pretrained: load the weights that come with kfit, which are those of the other defaults.
+        weights: "bundled", which fit the other defaults; a checkpoint (.ckpt) of `kfit.training.RefinerTraining`, or a
+            .safetensors file; or None for random ones, to be trained.
 
     Raises:
-        ValueError: for a setting out of range, or pretrained weights with other settings.
+        FileNotFoundError: for a file that is missing.
+        ValueError: for a setting out of range, or weights of other settings.
     """
 
     def __init__(
@@ -45,13 +49,14 @@ class PoseRefiner(RefinerNetwork):
         channels: Sequence[int] = (32, 64, 128, 192),
         hidden_dim: int = 256,
         image_size: int = 64,
-        pretrained: bool = True,
+        weights: str | None = "bundled",
     ) -> None:
         super().__init__()
         check_list("PoseRefiner: channels", channels, None, check_count, 4, 4096)
         check_count("PoseRefiner: hidden_dim", hidden_dim, 1, 4096)
         check_count("PoseRefiner: image_size", image_size, 2 ** len(channels), 1024)
-        check_choice("PoseRefiner: pretrained", pretrained, (False, True))
+        if weights is not None:
+            check_text("PoseRefiner: weights", weights)
         self.image_size = image_size
         self.trunk = nn.Sequential()
         for a, b in pairwise((8, *channels)):
@@ -61,11 +66,14 @@ class PoseRefiner(RefinerNetwork):
         nn.init.zeros_(self.out.weight)
         nn.init.zeros_(self.out.bias)
         self.register_buffer("units", torch.tensor(UNITS), persistent=False)
-        if pretrained:
+        if weights is not None:
             try:
-                self.load_state_dict(load_file(WEIGHTS))
+                self.load_state_dict(_state(weights))
             except RuntimeError:
-                raise ValueError("PoseRefiner: pretrained weights are those of the default settings alone") from None
+                raise ValueError(
+                    f"PoseRefiner: the weights {weights!r} are of another network than these settings"
+                ) from None
+            self.eval()
 
     units: Tensor
 
@@ -79,6 +87,19 @@ class PoseRefiner(RefinerNetwork):
         step, spread = found[:, :6] * self.units, found[:, 6:10] + self.units[[0, 0, 3, 5]].log()
         spread = spread.clamp(LEAST_LOG_SPREAD, MOST_LOG_SPREAD)
         return PoseUpdate(step[:, :3], step[:, 3:5], step[:, 5], spread, found[:, 10])
+
+
+def _state(weights: str) -> dict[str, Tensor]:
+    path = WEIGHTS if weights == "bundled" else Path(weights)
+    if not path.is_file():
+        raise FileNotFoundError(f"PoseRefiner: no weights at {path}")
+    try:
+        if path.suffix == ".safetensors":
+            return load_file(path)
+        numbers = read_torch(path)["state_dict"]
+        return {key.removeprefix("refiner."): value for key, value in numbers.items()}
+    except (SafetensorError, ValueError, TypeError, KeyError, AttributeError) as error:
+        raise ValueError(f"PoseRefiner: {path} holds no weights of a refiner: {error}") from None
 
 
 class _Residual(nn.Module):

@@ -26,6 +26,7 @@ def find_poses(
     box: Box | None = None,
     intrinsics: NDArray[Any] | Tensor | None = None,
     depth: NDArray[Any] | None = None,
+    ignore: NDArray[Any] | None = None,
     segmenter: str | Path | Segmenter | None = None,
     seed: int = 0,
 ) -> list[PoseResult]:
@@ -41,6 +42,7 @@ def find_poses(
         box: left, top, width, height in pixels around the one object that is meant.
         intrinsics: (3, 3) of the camera; by the file's EXIF tags, or a view of 60°, by default.
         depth: (H, W) in metres along the camera's axis; what is not finite and above 0 is unknown.
+        ignore: (H, W), above one half of its full scale where pixels do not count, because something hides an object.
         segmenter: a network of yours for the masks, as an ONNX file or a `kfit.segmentation.Segmenter`.
         seed: decides the random numbers.
 
@@ -64,7 +66,10 @@ def find_poses(
     name = category if not isinstance(category, CategoryModel) else category.card.category
     known = load_segmenter(segmenter) if isinstance(segmenter, str | Path) else segmenter
     targets = find_targets(photo, name, mask, box, known)
-    return [pose_of(model or load(target.category), photo, target, intrinsics, depth, seed=seed) for target in targets]
+    return [
+        pose_of(model or load(target.category), photo, target, intrinsics, depth, seed=seed, ignore=ignore)
+        for target in targets
+    ]
 
 
 def pose_of(
@@ -75,10 +80,13 @@ def pose_of(
     depth: NDArray[Any] | None = None,
     seed: int = 0,
     pipeline: Callable[[CategoryModel], FitPipeline] | None = None,
+    ignore: NDArray[Any] | None = None,
 ) -> PoseResult:
     """The pose of one object that was found; ``pipeline`` makes another fit than the model's own."""
     fit = None if pipeline is None else pipeline(model)
-    answer = model.pose(photo, intrinsics=intrinsics, depth=depth, segmenter=target, seed=seed, pipeline=fit)
+    answer = model.pose(
+        photo, intrinsics=intrinsics, depth=depth, ignore=ignore, segmenter=target, seed=seed, pipeline=fit
+    )
     return with_score(answer, target)
 
 

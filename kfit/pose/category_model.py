@@ -137,6 +137,7 @@ class CategoryModel:
         intrinsics: NDArray[Any] | Tensor | None = None,
         depth: NDArray[Any] | None = None,
         *,
+        ignore: NDArray[Any] | None = None,
         relative_poses: NDArray[Any] | Tensor | None = None,
         segmenter: str | Path | Segmenter | Sequence[Segmenter] | None = None,
         seed: int = 0,
@@ -158,6 +159,8 @@ class CategoryModel:
             box: left, top, width, height in pixels.
             intrinsics: (3, 3).
             depth: (H, W) in metres along the camera's axis; what is not finite and above 0 is unknown.
+            ignore: (H, W), above one half of its full scale where pixels do not count, because something else hides
+                the object there, or may; the object may continue behind it.
             relative_poses: (V, 4, 4), take points in the first camera to each of V cameras (OpenCV axes, metres); the
                 first is the identity. They fix distance and size.
             segmenter: finds the object in ``box``, or without one the surest of this category: an ONNX file that
@@ -172,6 +175,8 @@ class CategoryModel:
         if are_several(image):
             if depth is not None:
                 raise ValueError("depth and several photos were both given; a fit of several photos is of colour alone")
+            if ignore is not None:
+                raise ValueError("ignore and several photos were both given; it is of one photo")
             seen, observation = observed_views(
                 image, self.card.category, self.image_size, mask, box, intrinsics, relative_poses, segmenter
             )
@@ -183,7 +188,7 @@ class CategoryModel:
             photo: Any = image
             one: tuple[Any, Any] = (mask, box)
             finds: Any = segmenter
-            seen = ObservedObject.of(photo, self.card.category, self.image_size, *one, intrinsics, depth, finds)
+            seen = ObservedObject.of(photo, self.card.category, self.image_size, *one, intrinsics, depth, finds, ignore)
             observation = seen.observation
             fit = pipeline or self.pipeline(depth=depth is not None, lens_known=seen.lens_known)
         return self.answer(fit(observation.map(lambda tensor: tensor.to(fit.device)), seed=seed), seen)

@@ -2,6 +2,7 @@
 
 import pytest
 import torch
+from safetensors.torch import save_file
 
 from kfit.features import PoseRefiner
 from kfit.features.pose_refiner import WEIGHTS
@@ -19,13 +20,13 @@ def test_bundled_weights_are_small_and_load():
 
 
 def test_an_untrained_one_leaves_the_pose():
-    found = PoseRefiner(channels=(4, 4), pretrained=False).eval()(pictures(), pictures())
+    found = PoseRefiner(channels=(4, 4), weights=None).eval()(pictures(), pictures())
     assert found.rotation.abs().max() == found.shift.abs().max() == found.log_scale.abs().max() == 0
     assert torch.equal(found.logit, torch.zeros(2))
 
 
 def test_pictures_of_another_size_are_resized():
-    refiner = PoseRefiner(channels=(4, 4), image_size=16, pretrained=False).eval()
+    refiner = PoseRefiner(channels=(4, 4), image_size=16, weights=None).eval()
     assert refiner(pictures(side=40), pictures(side=40)).rotation.shape == (2, 3)
 
 
@@ -35,6 +36,26 @@ def test_rows_are_independent_of_one_another():
     torch.testing.assert_close(together.rotation[1:2], alone.rotation)
 
 
-def test_pretrained_weights_of_another_size_are_refused():
-    with pytest.raises(ValueError, match="pretrained weights are those of the default settings alone"):
+def test_weights_of_another_size_are_refused():
+    with pytest.raises(ValueError, match="the weights 'bundled' are of another network than these settings"):
         PoseRefiner(hidden_dim=8)
+
+
+def test_weights_come_from_a_file_or_a_checkpoint(tmp_path):
+    small = {"channels": (4, 4), "hidden_dim": 8, "image_size": 16}
+    trained = PoseRefiner(**small, weights=None)
+    torch.nn.init.normal_(trained.out.weight)
+    save_file(trained.state_dict(), tmp_path / "refiner.safetensors")
+    state = {f"refiner.{name}": value for name, value in trained.state_dict().items()}
+    torch.save({"state_dict": state}, tmp_path / "last.ckpt")
+    for name in ("refiner.safetensors", "last.ckpt"):
+        again = PoseRefiner(**small, weights=str(tmp_path / name))
+        assert torch.equal(again.out.weight, trained.out.weight)
+
+
+def test_a_file_that_holds_no_refiner_is_refused(tmp_path):
+    with pytest.raises(FileNotFoundError, match="no weights at"):
+        PoseRefiner(weights=str(tmp_path / "none.ckpt"))
+    (tmp_path / "wrong.safetensors").write_bytes(b"nothing")
+    with pytest.raises(ValueError, match="holds no weights of a refiner"):
+        PoseRefiner(weights=str(tmp_path / "wrong.safetensors"))

@@ -27,7 +27,7 @@ def networks(category):
 
 def build(**changes):
     torch.manual_seed(0)
-    refiner = PoseRefiner(channels=(8, 8), hidden_dim=16, image_size=SIDE, pretrained=False)
+    refiner = PoseRefiner(channels=(8, 8), hidden_dim=16, image_size=SIDE, weights=None)
     return RefinerTraining(refiner, networks, crop=RandomCrop(SIDE), **{"repeats": 1, "memory": 32} | changes)
 
 
