@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from kfit.core import Encoder, Generator, frozen
-from kfit.core.check import check_count, check_positive, check_range
+from kfit.core.check import check_choice, check_count, check_positive, check_range
 from kfit.geometry import CATEGORIES, PoseUpdate, RefinerNetwork, rotation_from_angles
 from kfit.training.photometric_augmentation import PhotometricAugmentation
 from kfit.training.pose_hypotheses import Hypotheses
@@ -67,6 +67,7 @@ class RefinerTraining(Training):
         check_range("weight_decay", weight_decay, 0)
         check_count("repeats", repeats, 0)
         check_count("memory", memory)
+        check_choice("compile", compile, (False, True))
         self.remember(inspect.currentframe())
         self.refiner, self.rate, self.weight_decay, self.compiles = refiner, rate, weight_decay, compile
         self.crop, self.recolor = crop or RandomCrop(), recolor or RandomRecolor()
