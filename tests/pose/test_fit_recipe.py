@@ -9,9 +9,10 @@ import yaml
 from kfit.bench.held_out_views import held_out_views
 from kfit.initializers import EncoderPosterior
 from kfit.models import load
-from kfit.optimizers import Adam
+from kfit.optimizers import Adam, LearnedSteps
 from kfit.pose.fit_recipe import fit_of
 
+LEARNED = Path(__file__).parents[2] / "recipes/fit_learned.yaml"
 RELEASED = Path(__file__).parents[2] / "recipes/fit_released.yaml"
 NETWORK = "--energies.perceptual.init_args.network"
 OFFLINE = [NETWORK, "kfit.features.EfficientNetLite0"]
@@ -38,6 +39,15 @@ def test_it_fits():
     fit = fit_of(RELEASED, model, [*OFFLINE, "--num_starts", "2", "--num_steps", "1"])
     result = fit(held_out_views(model, 1).observation, seed=0)
     assert result.num_evaluations == 4
+    assert torch.isfinite(result.energy).all()
+
+
+def test_learned_steps_come_before_a_descent():
+    model = load("can")
+    fit = fit_of(LEARNED, model, ["--num_starts", "2", "--num_steps", "4"])
+    assert [(type(optimizer), steps) for optimizer, steps in fit.optimizer.stages] == [(LearnedSteps, 3), (Adam, 13)]
+    assert fit.rank_weights["score"] == 1
+    result = fit(held_out_views(model, 1).observation, seed=0)
     assert torch.isfinite(result.energy).all()
 
 
