@@ -37,6 +37,14 @@ def parser() -> ArgumentParser:
     parser.add_argument(
         "--model", type=str, default=None, metavar="FILE.safetensors", help="a model of your own instead"
     )
+    parser.add_argument(
+        "--refiner",
+        type=str,
+        default=None,
+        metavar="FILE",
+        help="weights of kfit.features.PoseRefiner, a .ckpt or .safetensors file, for learned steps and the learned "
+        "score (default: without)",
+    )
     parser.add_argument("--views", type=int, default=100, help="objects a category, a view each")
     parser.add_argument("--off", type=float, default=8.0, help="degrees from the truth at which fits start")
     parser.add_argument("--seed", type=int, default=0, help="chooses the objects, poses and starts")
@@ -72,7 +80,8 @@ def _measured(args: Namespace, model: CategoryModel, bar: Any) -> dict[str, dict
     from kfit.bench.held_out_views import held_out_views
     from kfit.features import PoseRefiner
 
-    compared, refiner = fits.candidates(), PoseRefiner()
+    refiner = None if args.refiner is None else PoseRefiner(args.refiner)
+    compared = fits.candidates(refiner is not None)
     task = bar.add_task(f"{model.card.category}, drawing", total=args.views)
     views = held_out_views(model, args.views, args.seed, on_view=partial(_show, bar, task))
     bar.reset(task, description=model.card.category, total=2 * len(compared))

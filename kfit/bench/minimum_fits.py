@@ -53,10 +53,10 @@ class Candidate(NamedTuple):
     descended: int = NUM_STEPS
 
 
-def candidates() -> dict[str, Candidate]:
-    """What is compared, by what tables call it."""
+def candidates(refined: bool) -> dict[str, Candidate]:
+    """Return what is compared, by its name in tables: with a refiner, learned steps and its score too."""
     usual = {name: weight for name, (_, weight) in default_energies().items()}
-    return {
+    plain = {
         "default energies": Candidate(usual),
         "EfficientNet alone": Candidate({"perceptual": 1.0}),
         "SSIM alone": Candidate({"ssim": 2.0}),
@@ -64,6 +64,8 @@ def candidates() -> dict[str, Candidate]:
         "silhouette × 4": Candidate(usual | {"silhouette": 20.0}),
         "code's prior × 10": Candidate(usual, prior=0.2),
         "code held": Candidate(usual, code_rate=0.0),
+    }
+    learned = {
         "one learned step": Candidate({"score": 1.0}, learned=1, descended=0),
         f"{NUM_LEARNED} learned steps": Candidate({"score": 1.0}, learned=NUM_LEARNED, descended=0),
         f"{NUM_LEARNED} learned steps, default energies": Candidate(usual, learned=NUM_LEARNED),
@@ -71,11 +73,14 @@ def candidates() -> dict[str, Candidate]:
             usual | {"score": 1.0}, learned=NUM_LEARNED
         ),
     }
+    return plain | learned if refined else plain
 
 
-def energies_of(weights: Mapping[str, float], refiner: PoseRefiner) -> dict[str, Energy]:
-    """The energies that have a weight: kfit's defaults by their names, and ``score``."""
-    known = {name: energy for name, (energy, _) in default_energies().items()} | {"score": LearnedScore(refiner)}
+def energies_of(weights: Mapping[str, float], refiner: PoseRefiner | None) -> dict[str, Energy]:
+    """Return the energies that have a weight: kfit's defaults by their names, and ``score``."""
+    known: dict[str, Energy] = {name: energy for name, (energy, _) in default_energies().items()}
+    if refiner is not None:
+        known["score"] = LearnedScore(refiner)
     return {name: known[name] for name in weights}
 
 
@@ -98,7 +103,7 @@ class KnownPoses(Initializer):
 
 
 def fit_from(
-    model: CategoryModel, candidate: Candidate, poses: Variables, num_starts: int, refiner: PoseRefiner
+    model: CategoryModel, candidate: Candidate, poses: Variables, num_starts: int, refiner: PoseRefiner | None
 ) -> FitPipeline:
     """The candidate's fit from known poses, ``num_starts`` of each problem.
 
@@ -107,7 +112,7 @@ def fit_from(
     names = {**RATES, "code": candidate.code_rate, "focal": 0.0}
     drawn = SimilarityWarp(model.generator)
     stages: list[tuple[Optimizer, int]] = []
-    if candidate.learned:
+    if candidate.learned and refiner is not None:
         stages.append((LearnedSteps(refiner), candidate.learned))
     if candidate.descended:
         decay = FINAL_RATE_FRACTION ** (1 / candidate.descended)

@@ -16,7 +16,6 @@ from kfit.core.check import check_count, check_list, check_text
 from kfit.geometry.refiner_network import PoseUpdate, RefinerNetwork
 from kfit.runtime.torch_file import read_torch
 
-WEIGHTS = Path(__file__).parent / "pose_refiner.safetensors"
 # Outputs of 1 stand for a rotation of 0.3 radians, a shift of 0.1 half-widths and a log scale of 0.1.
 UNITS = (0.3, 0.3, 0.3, 0.1, 0.1, 0.1)
 # Limits of the logarithms of expected errors.
@@ -33,23 +32,25 @@ class PoseRefiner(RefinerNetwork):
     Shape: photos and drawings (N, 4, S, S), RGB in [0, 1] on white and mask; resized to ``image_size`` where S differs.
 
     Args:
+        weights: a checkpoint (.ckpt) of `kfit.training.RefinerTraining`, or a .safetensors file; None for random ones,
+            to be trained.
         channels: of the levels, each half as wide and high as the one before.
         hidden_dim: units between the linear layers.
         image_size: side in pixels of the pictures that are compared.
-        weights: "bundled", which fit the other defaults; a checkpoint (.ckpt) of `kfit.training.RefinerTraining`, or a
-            .safetensors file; or None for random ones, to be trained.
 
     Raises:
         FileNotFoundError: for a file that is missing.
         ValueError: for a setting out of range, or weights of other settings.
     """
 
+    units: Tensor
+
     def __init__(
         self,
+        weights: str | None,
         channels: Sequence[int] = (32, 64, 128, 192),
         hidden_dim: int = 256,
         image_size: int = 64,
-        weights: str | None = "bundled",
     ) -> None:
         super().__init__()
         check_list("PoseRefiner: channels", channels, None, check_count, 4, 4096)
@@ -75,8 +76,6 @@ class PoseRefiner(RefinerNetwork):
                 ) from None
             self.eval()
 
-    units: Tensor
-
     def forward(self, observed: Tensor, drawn: Tensor) -> PoseUpdate:
         pair = torch.cat([observed, drawn], 1)
         if pair.shape[-1] != self.image_size:
@@ -90,7 +89,7 @@ class PoseRefiner(RefinerNetwork):
 
 
 def _state(weights: str) -> dict[str, Tensor]:
-    path = WEIGHTS if weights == "bundled" else Path(weights)
+    path = Path(weights)
     if not path.is_file():
         raise FileNotFoundError(f"PoseRefiner: no weights at {path}")
     try:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 import torch
+from safetensors.torch import save_file
 
 from kfit.bench import minimum_fits as fits
 from kfit.bench.held_out_views import held_out_views
@@ -59,11 +60,16 @@ def test_true_poses_draw_objects_where_the_views_show_them() -> None:
 def test_each_candidate_gets_a_row_and_each_energy_a_rank(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    two = {"one": fits.Candidate({"ssim": 1.0}, descended=1), "other": fits.Candidate({"score": 1.0}, 0.02, 0.0, 1, 0)}
-    monkeypatch.setattr("kfit.bench.minimum_fits.candidates", lambda: two)
-    main(["bench", "minimum", "--categories", "[mug]", "--views", "1", "--out", str(tmp_path)])
-    page = (tmp_path / "README.md").read_text()
-    assert "kfit bench minimum --categories '[mug]' --views 1" in page
+    two = {
+        "one": fits.Candidate({"ssim": 1.0}, descended=1),
+        "other": fits.Candidate({"score": 1.0}, learned=1, descended=0),
+    }
+    monkeypatch.setattr("kfit.bench.minimum_fits.candidates", lambda refined: two if refined else {})
+    save_file(PoseRefiner(None).state_dict(), tmp_path / "r.safetensors")
+    words = ["--refiner", str(tmp_path / "r.safetensors"), "--out", str(tmp_path / "out")]
+    main(["bench", "minimum", "--categories", "[mug]", "--views", "1", *words])
+    page = (tmp_path / "out/README.md").read_text()
+    assert "kfit bench minimum --categories '[mug]'" in page
     assert page.count("| one |") == page.count("| other |") == 2
     assert "before" in capsys.readouterr().out
 
@@ -72,7 +78,7 @@ def test_a_candidate_s_score_ranks_and_is_not_descended() -> None:
     model = load("can")
     poses = {name: torch.zeros(1) for name in ("azimuth", "elevation", "roll")}
     poses |= {"shift": torch.zeros(1, 2), "scale": torch.ones(1)}
-    refiner = PoseRefiner((4, 4), 4, weights=None)
+    refiner = PoseRefiner(None, (4, 4), 4)
     made = fits.fit_from(model, fits.Candidate({"ssim": 2.0, "score": 1.0}, learned=1), poses, 1, refiner)
     assert made.weights_at(0) == {"ssim": 2.0, "score": 0.0, "prior": 0.02}
     assert made.rank_weights == {"ssim": 2.0, "score": 1.0, "prior": 0.02}

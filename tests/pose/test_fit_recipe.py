@@ -7,6 +7,7 @@ import torch
 import yaml
 
 from kfit.bench.held_out_views import held_out_views
+from kfit.features import PoseRefiner
 from kfit.initializers import EncoderPosterior
 from kfit.models import load
 from kfit.optimizers import Adam, LearnedSteps
@@ -42,8 +43,10 @@ def test_it_fits():
     assert torch.isfinite(result.energy).all()
 
 
-def test_learned_steps_come_before_a_descent():
+def test_learned_steps_come_before_a_descent(tmp_path, monkeypatch):
     model = load("can")
+    monkeypatch.chdir(tmp_path)
+    torch.save({"state_dict": PoseRefiner(None).state_dict()}, "refiner.ckpt")
     fit = fit_of(LEARNED, model, ["--num_starts", "2", "--num_steps", "4"])
     assert [(type(optimizer), steps) for optimizer, steps in fit.optimizer.stages] == [(LearnedSteps, 3), (Adam, 13)]
     assert fit.rank_weights["score"] == 1

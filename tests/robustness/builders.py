@@ -44,7 +44,7 @@ def tiny():
         "regressor": CoordinateRegressor(channels=(4, 4), num_bins=2),
         "orientation": OrientationRegressor(hidden_dim=4, image_size=32),
         "features": EfficientNetLite0((0,)),
-        "refiner": PoseRefiner((4, 4), 4, 8, weights=None),
+        "refiner": PoseRefiner(None, (4, 4), 4, 8),
     }
 
 
