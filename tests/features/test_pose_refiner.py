@@ -45,7 +45,7 @@ def test_rows_are_independent_of_one_another():
 def test_weights_of_another_size_are_refused(tmp_path):
     file = str(tmp_path / "refiner.safetensors")
     save_file(refiner().state_dict(), file)
-    with pytest.raises(ValueError, match="refiner.safetensors' are of another network than these settings"):
+    with pytest.raises(ValueError, match=r"refiner\.safetensors' are of another network than these settings"):
         PoseRefiner(file, channels=(4, 8))
 
 

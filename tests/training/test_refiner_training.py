@@ -22,7 +22,7 @@ SIDE = 16
 def networks(category):
     torch.manual_seed(1)
     sizes = {"code_dim": 4, "volume_dims": [8, 4], "num_samples": 4, "image_size": SIDE, "refined": False}
-    return RadianceField(**sizes).eval(), ConvEncoder(code_dim=4, channels=[8, 8, 8]).eval()
+    return RadianceField(**sizes).eval(), ConvEncoder(code_dim=4, channels=[8, 8, 8], image_size=SIDE).eval()
 
 
 def build(**changes):
