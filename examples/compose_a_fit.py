@@ -14,7 +14,7 @@ from kfit.callbacks import Pruning
 from kfit.energies import SSIM, CodePrior, Perceptual, Silhouette
 from kfit.features import EfficientNetLite0
 from kfit.generators import SimilarityWarp
-from kfit.initializers import Constant, EncoderPosterior, FromCamera, SphereGrid
+from kfit.initializers import Constant, EncoderPosterior, FromCamera, PosePosterior
 from kfit.optimizers import Adam
 from kfit.pose.defaults import RATES
 from kfit.reports.picture_table import picture_table
@@ -32,14 +32,14 @@ pipeline = kfit.FitPipeline(
     },
     weights={"structure": 2.0, "outline": 5.0, "prior": 0.02},
     initializers=[
-        SphereGrid(elevation_deg=(0, 60)),
+        PosePosterior(model.pose_head),
         EncoderPosterior(model.encoder),
-        Constant({"roll": 0.0, "shift": 0.0, "scale": 1.0}),
+        Constant({"shift": 0.0, "scale": 1.0}),
         FromCamera(),
     ],
     optimizer=Adam({**RATES, "focal": 0.0}, betas=(0.5, 0.999)),
-    callbacks=[Pruning({0: 4, 8: 2})],
-    num_starts=12,
+    callbacks=[Pruning({4: 2})],
+    num_starts=6,
     num_steps=24,
 )
 

@@ -1,33 +1,30 @@
-"""What one visitor of the page has handed in so far, kept apart from the others' and deleted with the visit."""
+"""The uploads of one visitor of the page, kept apart from others and deleted with the visit."""
 
 from __future__ import annotations
 
-import json
 import shutil
-from collections import OrderedDict
-from collections.abc import Iterator
-from functools import lru_cache
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import lru_cache, partial
 from pathlib import Path
-from tempfile import mkdtemp
-from threading import Lock
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from kfit.app.uploads import checked, read_upload
+from kfit.app.brush import painted
+from kfit.app.downloads import snippet_of, write_downloads
+from kfit.app.examples import Example
+from kfit.app.uploads import check_size, checked, read_upload
 from kfit.app.watched import Drawn, watched
 from kfit.models import load
 from kfit.pose import CategoryModel, PoseResult
-from kfit.pose.object_finder import FoundObject
+from kfit.pose.object_finder import FoundObject, box_of
 from kfit.pose.targets import find_targets
-from kfit.runtime.atomic_write import atomic_write
-from kfit.segmentation import Photo, mask_from_alpha, mask_from_file
+from kfit.segmentation import Photo, Segment, depth_from_file, mask_from_alpha, mask_from_file
 
-EXAMPLE_MASK = Path(__file__).parent / "coffee_mask.png"
-# Idle visitors are forgotten beyond so many sessions, and pixels in all of them, which are 12 bytes each.
-MOST_SESSIONS, MOST_PIXELS = 24, 200_000_000
 Fractions = tuple[float, float, float, float]
+Camera = tuple[float, float, float, float]
 
 
 class Session:
@@ -39,17 +36,21 @@ class Session:
     Attributes:
         photo: the picture.
         targets: what was found in it.
-        target: the one that is to be fitted, found, drawn or told by a mask.
+        target: the object to fit: found, drawn or selected by a mask.
+        category: that is likely, or was chosen last.
+        depth: (H, W) in metres, where it was handed in.
         busy: whether a fit of it waits or runs, so that it makes room for no other.
     """
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.photo: Photo | None = None
-        self.targets: list[FoundObject] = []
         self.target: FoundObject | None = None
+        self.depth: NDArray[np.float32] | None = None
+        self.category: str | None = None
+        self.targets: list[FoundObject] = []
         self.busy = False
-        self._name = ""
+        self._name = self._depth_name = ""
         # What points at the object, for `find_targets` and for `kfit pose`; neither where it was found.
         self._pointed: dict[str, Any] = {}
         self._words: list[str] = []
@@ -64,10 +65,19 @@ class Session:
         """Number of pixels of the photo."""
         return 0 if self.photo is None else self.photo.image.shape[0] * self.photo.image.shape[1]
 
+    @property
+    def image(self) -> NDArray[np.float32]:
+        """The photo's pixels (H, W, 3).
+
+        Raises:
+            ValueError: if there is no photo.
+        """
+        return self._seen().image
+
     def take(self, path: Path) -> None:
         """Read an uploaded photo, delete the file, and find the objects of kfit's categories.
 
-        An alpha channel that sets an object off tells the one that is meant. The first found is chosen.
+        An alpha channel around an object selects it. The first found object is selected.
 
         Raises:
             ValueError: for a file that cannot be used, in one sentence; what was there before stays.
@@ -77,8 +87,8 @@ class Session:
         finally:
             path.unlink(missing_ok=True)
         targets = find_targets(photo)
-        self.photo, self._name, self._pointed, self._words = photo, path.name, {}, []
-        self.target = targets[0] if targets else None
+        self._begin(photo, path.name)
+        self._take_target(targets[0] if targets else None)
         self.targets = targets if mask_from_alpha(photo.alpha) is None else []
 
     def found(self) -> list[str]:
@@ -87,20 +97,22 @@ class Session:
 
     def choose(self, number: int) -> None:
         """Take what was found as number ``number``, from 0, for the object."""
-        self.target, self._pointed, self._words = self.targets[number], {}, []
+        self._pointed, self._words = {}, []
+        self._take_target(self.targets[number])
 
-    def take_example(self) -> None:
-        """Take the photo of a cup that scikit-image ships, with a mask drawn by hand."""
-        from skimage.data import coffee
-
-        self.photo, self.targets, self._name = Photo(coffee().astype(np.float32) / np.float32(255)), [], "coffee.png"
-        self._point(["--mask", EXAMPLE_MASK.name], mask=mask_from_file(EXAMPLE_MASK, self.photo.image.shape[:2]))
+    def take_example(self, example: Example) -> None:
+        """Take an example's picture and mask."""
+        image = example.image()
+        self._begin(Photo(image.astype(np.float32) / np.float32(255)), f"{example.name}.png")
+        mask = mask_from_file(example.mask, image.shape[:2])
+        self._take_target(FoundObject(example.category, 1.0, box_of(mask), Segment(mask)))
+        self._pointed, self._words = {"mask": mask}, ["--mask", "mask.png"]
 
     def take_mask(self, path: Path) -> None:
         """Read an uploaded mask and delete the file.
 
         Raises:
-            ValueError: if it cannot be used or there is no photo yet; what was there before stays.
+            ValueError: if it cannot be used or there is no photo yet; the previous state is kept.
         """
         try:
             mask = checked(path, lambda file: mask_from_file(file, self._seen().image.shape[:2]))
@@ -108,14 +120,31 @@ class Session:
             path.unlink(missing_ok=True)
         self._point(["--mask", path.name], mask=mask)
 
+    def take_depth(self, path: Path) -> None:
+        """Read an uploaded depth map and delete the file.
+
+        Raises:
+            ValueError: if it cannot be used or there is no photo yet; the previous state is kept.
+        """
+        try:
+            check_size(path)
+            read = partial(depth_from_file, shape=self._seen().image.shape[:2])
+            # What lies in memory by a file's map would be gone with the file.
+            self.depth = np.array(read(path) if path.suffix == ".npy" else checked(path, read))
+        except (ValueError, OSError) as error:
+            raise ValueError(str(error).replace(str(path), path.name)) from error
+        finally:
+            path.unlink(missing_ok=True)
+        self._depth_name = path.name
+
     def draw(self, box: Fractions) -> None:
-        """Find the object in a box; where none is found there is no mask.
+        """Find the object in a box; without one there is no mask.
 
         Args:
             box: left, top, width and height as fractions of the picture's width and height.
 
         Raises:
-            ValueError: if nothing stands out in the box, or there is no photo yet.
+            ValueError: if the box holds no salient object, or there is no photo yet.
         """
         height, width = self._seen().image.shape[:2]
         left, top, across, down = (
@@ -125,13 +154,25 @@ class Session:
         box_in_pixels = (left, top, across, down)
         self._point(["--box", *map(str, box_in_pixels)], box=box_in_pixels)
 
-    def _point(self, words: list[str], **pointed: Any) -> None:
-        """Take what a mask or a box points at for the object; ``words`` tell `kfit pose` the same."""
-        (self.target,) = find_targets(self._seen(), **pointed)
-        self._pointed, self._words = pointed, words
+    def paint(self, points: Sequence[tuple[float, float]], keep: bool) -> None:
+        """Add what a brush went over to the mask, or take it away.
 
-    def fit(self, category: str | None) -> Iterator[Drawn | PoseResult]:
+        Raises:
+            ValueError: if there is no mask to change, or nothing would be left of it.
+        """
+        self._seen()
+        if self.target is None:
+            raise ValueError("Draw a box around the object first; then its mask can be corrected.")
+        mask = painted(self.target.segment.mask, points, keep)
+        self.target = replace(self.target, segment=Segment(mask))  # `fit` looks at it anew
+        self._pointed, self._words = {"mask": mask}, ["--mask", "mask.png"]
+
+    def fit(self, category: str | None, camera: Camera | None = None) -> Iterator[Drawn | PoseResult]:
         """Fit the object as `command` does: one `Drawn` a step, at last the result.
+
+        Args:
+            category: of the object.
+            camera: fx, fy, cx and cy in pixels.
 
         Raises:
             ValueError: if picture, object or category is still to be given.
@@ -144,90 +185,69 @@ class Session:
         pointed, words = self._arguments(category)
         if words:
             (target,) = find_targets(photo, category, **pointed)
-        return watched(_model(category), photo, target)
+        intrinsics = None
+        if camera is not None:
+            fx, fy, cx, cy = camera
+            intrinsics = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+        return watched(_model(category), photo, target, intrinsics, self.depth)
 
-    def command(self, category: str) -> str:
+    def command(self, category: str, camera: Camera | None = None) -> str:
         """The line that does the same in a terminal, for one object or, where it is named by nothing, for all."""
         from shlex import join
 
-        return join(["kfit", "pose", self._name, *self._arguments(category)[1]])
+        words = ["kfit", "pose", self._name, *self._arguments(category)[1]]
+        words += ["--intrinsics", *(f"{part:g}" for part in camera)] if camera is not None else []
+        return join(words + (["--depth", self._depth_name] if self.depth is not None else []))
 
     def _arguments(self, category: str) -> tuple[dict[str, Any], list[str]]:
-        """What tells the object to `find_targets`, and what to `kfit pose`; nothing where it is as it was found."""
+        """Return the selection for `find_targets`, and for `kfit pose`; empty for an object that was found."""
         named, target = ["--category", category], self.target
         if self._pointed or target is None:
             return self._pointed, [*named, *self._words]
         if category == target.category:
             return {}, []
-        if not self.targets:  # the alpha channel tells it
+        if not self.targets:  # selected by the alpha channel
             return {}, named
         return {"box": target.box}, [*named, "--box", *(f"{part:.0f}" for part in target.box)]
 
-    def write(self, result: PoseResult) -> tuple[Path, Path]:
-        """Write what can be downloaded: report.html and pose.json, both or neither.
+    def write(self, result: PoseResult, camera: Camera | None = None) -> dict[str, Path]:
+        """Write what can be downloaded, `kfit.app.downloads.FILES`; paths by name.
 
         Raises:
             ValueError: if the visit is over; the folder would be there for good.
         """
         self._seen()
-        from kfit import report
+        depth = self._depth_name if self.depth is not None else None
+        snippet = snippet_of(self._name, result.category, camera, depth)
+        return write_downloads(self.folder, result, self.command(result.category, camera), snippet)
 
-        page, numbers = atomic_write(
-            self.folder,
-            {
-                "report.html": lambda path: report(result, path, command=self.command(result.category)),
-                "pose.json": lambda path: path.write_text(json.dumps(result.to_dict(), indent=2) + "\n"),
-            },
-        )
-        return page, numbers
+    def clear(self) -> None:
+        """Forget the photo and what belongs to it; what was downloaded may be so again."""
+        self.photo = self.target = self.depth = self.category = None
+        self.targets = []
 
     def close(self) -> None:
         """Delete everything."""
-        self.photo = self.target = None
-        self.targets = []
+        self.clear()
         shutil.rmtree(self.folder, ignore_errors=True)
+
+    def _begin(self, photo: Photo, name: str) -> None:
+        self.clear()
+        self.photo, self._name, self._pointed, self._words = photo, name, {}, []
+
+    def _take_target(self, target: FoundObject | None) -> None:
+        self.target, self.category = target, None if target is None else target.category
+
+    def _point(self, words: list[str], **pointed: Any) -> None:
+        """Select the object of a mask or a box; ``words`` are the same for `kfit pose`."""
+        (target,) = find_targets(self._seen(), **pointed)
+        self._pointed, self._words = pointed, words
+        self._take_target(target)
 
     def _seen(self) -> Photo:
         if self.photo is None:
             raise ValueError("There is no picture: choose one, also if you had, as pictures are not kept for long.")
         return self.photo
-
-
-class Sessions:
-    """All visitors' sessions; of those that are not busy, the one used longest ago makes room where they are too many.
-
-    Args:
-        folder: in which each gets a folder of its own.
-    """
-
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
-        self._open: OrderedDict[str, Session] = OrderedDict()
-        self._lock = Lock()
-
-    def __len__(self) -> int:
-        return len(self._open)
-
-    def of(self, visitor: str) -> Session:
-        """The visitor's session, a new one at the first call."""
-        with self._lock:
-            if visitor not in self._open:
-                self._open[visitor] = Session(Path(mkdtemp(prefix="session-", dir=self.folder)))
-            self._open.move_to_end(visitor)
-            idle = [name for name, session in self._open.items() if not session.busy and name != visitor]
-            for name in idle:
-                pixels = sum(session.pixels for session in self._open.values())
-                if len(self._open) <= MOST_SESSIONS and pixels <= MOST_PIXELS:
-                    break
-                self._open.pop(name).close()
-            return self._open[visitor]
-
-    def close(self, visitor: str) -> None:
-        """Forget the visitor and delete what is theirs; fine where nothing is."""
-        with self._lock:
-            session = self._open.pop(visitor, None)
-        if session is not None:
-            session.close()
 
 
 @lru_cache

@@ -1,4 +1,4 @@
-"""What a person may hand to the page: measured before it is decoded."""
+"""Uploads to the page: measured before they are decoded."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def read_upload(path: Path) -> Photo:
     """Read an uploaded photo.
 
     Raises:
-        ValueError: if it has more than 64 MB or 65 megapixels, is of none of the ``KINDS``, or is damaged.
+        ValueError: if it has more than 64 MB or 65 megapixels, is not one of the ``KINDS``, or is damaged.
         ImportError: for HEIC without the package that decodes it.
     """
     return checked(path, read_photo)
@@ -42,7 +42,7 @@ def checked(path: Path, read: Callable[[Path], Read]) -> Read:
     """What ``read`` makes of an uploaded picture; it is called only where the picture's head keeps the limits.
 
     Raises:
-        ValueError: if the limits are broken, and what ``read`` raises, told without the folder that is the server's.
+        ValueError: if the limits are broken, and the errors of ``read``, without the server's folder.
     """
     try:
         _measure(path)
@@ -51,10 +51,19 @@ def checked(path: Path, read: Callable[[Path], Read]) -> Read:
         raise ValueError(str(error).replace(str(path), path.name)) from error
 
 
-def _measure(path: Path) -> None:
+def check_size(path: Path) -> None:
+    """Refuse a file of more than 64 MB.
+
+    Raises:
+        ValueError: naming it.
+    """
     size = path.stat().st_size
     if size > LARGEST_FILE:
         raise ValueError(f"{path} has {size / 2**20:.1f} MB; the page takes pictures of at most {LARGEST_FILE >> 20}")
+
+
+def _measure(path: Path) -> None:
+    check_size(path)
     kinds = [kind for kind in KINDS if kind != "HEIF"]
     if is_heif(path):
         register_heif()

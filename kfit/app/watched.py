@@ -1,4 +1,4 @@
-"""A fit that tells how it goes: the best start's drawing after each step, then the answer."""
+"""A fit that reports its progress: the best start's drawing after each step, then the answer."""
 
 from __future__ import annotations
 
@@ -6,13 +6,16 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from queue import SimpleQueue
 from threading import Event, Thread
+from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from kfit.core import Callback, FitState, Generator
 from kfit.fitting.pipeline import FitPipeline
+from kfit.geometry import Crop
 from kfit.models.find_poses import pose_of
 from kfit.pose import CategoryModel, PoseResult
 from kfit.pose.object_finder import FoundObject
@@ -29,7 +32,9 @@ class Drawn:
         num_starts: how many starts are still on their way.
         energy: the least so far.
         drawing: (S, S, 3) in [0, 1], of the start that reached it.
-        seen: (S, S, 3), what it is to explain.
+        silhouette: (S, S) in [0, 1], where the drawing shows the object; None where the generator does not tell.
+        seen: (S, S, 3), the picture to explain.
+        crop: the square of the photo that it shows.
     """
 
     step: int
@@ -37,11 +42,13 @@ class Drawn:
     num_starts: int
     energy: float
     drawing: NDArray[np.float32]
+    silhouette: NDArray[np.float32] | None
     seen: NDArray[np.float32]
+    crop: Crop
 
 
 class _Left(Exception):  # noqa: N818
-    """Nobody looks any more."""
+    """Raised when the page was closed."""
 
 
 class Watching(Callback):
@@ -49,15 +56,15 @@ class Watching(Callback):
 
     Args:
         generator: of the fit.
-        seen: (S, S, 3), what is fitted.
-        tell: is handed each `Drawn`.
+        observed: what is fitted.
+        tell: called with each `Drawn`.
         left: once set, the fit breaks off at its next step.
     """
 
     def __init__(
-        self, generator: Generator, seen: NDArray[np.float32], tell: Callable[[Drawn], None], left: Event
+        self, generator: Generator, observed: ObservedObject, tell: Callable[[Drawn], None], left: Event
     ) -> None:
-        self.generator, self.seen, self.tell, self.left = generator, seen, tell, left
+        self.generator, self.observed, self.tell, self.left = generator, observed, tell, left
 
     def on_step(self, state: FitState) -> FitState:
         if self.left.is_set():
@@ -65,42 +72,59 @@ class Watching(Callback):
         if len(state.problem):
             best = int(state.best_energy.argmin())
             with torch.no_grad():
-                image = self.generator(
-                    **{name: rows[best : best + 1] for name, rows in state.best_values.items()}
-                ).image
-            drawing = image[0].movedim(0, -1).float().clamp(0, 1).cpu().numpy()
-            energy = float(state.best_energy[best])
-            self.tell(Drawn(state.step, state.num_steps, len(state.problem), energy, drawing, self.seen))
+                rendering = self.generator(
+                    **{name: rows[best : best + 1] for name, rows in state.best_values.items()},
+                    **self.generator.prepare(self.observed.observation),
+                )
+            self.tell(
+                Drawn(
+                    step=state.step,
+                    num_steps=state.num_steps,
+                    num_starts=len(state.problem),
+                    energy=float(state.best_energy[best]),
+                    drawing=_picture(rendering.image),
+                    silhouette=None if rendering.mask is None else rendering.mask[0, 0].float().cpu().numpy(),
+                    seen=_picture(self.observed.observation.field("image")),
+                    crop=self.observed.crop,
+                )
+            )
         return state
 
 
-def watched(model: CategoryModel, photo: Photo, target: FoundObject) -> Iterator[Drawn | PoseResult]:
-    """The fit of `kfit pose`, in a thread beside: one `Drawn` a step, at last the result.
+def watched(
+    model: CategoryModel,
+    photo: Photo,
+    target: FoundObject,
+    intrinsics: NDArray[np.float64] | None = None,
+    depth: NDArray[np.float32] | None = None,
+) -> Iterator[Drawn | PoseResult]:
+    """Run the fit of `kfit pose` in another thread: yield one `Drawn` a step, then the result.
 
     Whoever stops iterating ends the fit.
 
     Args:
         model: of the object's category.
-        photo: that is looked at.
+        photo: the photo.
         target: the object in it.
+        intrinsics, depth: as `kfit.pose.CategoryModel.pose` takes them.
 
     Raises:
         ValueError, FitError: as `kfit.pose.CategoryModel.pose`.
     """
     told: SimpleQueue[Drawn | PoseResult | BaseException] = SimpleQueue()
     left = Event()
-    observed = ObservedObject.of(photo, model.card.category, model.image_size, segmenter=target)
-    seen = observed.observation.image[0].movedim(0, -1).numpy()
+    given: dict[str, Any] = {"intrinsics": intrinsics, "depth": depth}
+    observed = ObservedObject.of(photo, model.card.category, model.image_size, segmenter=target, **given)
 
     def pipeline(model: CategoryModel) -> FitPipeline:
-        made = model.pipeline(lens_known=observed.lens_known)
-        made.callbacks.append(Watching(made.generator, seen, told.put, left))  # type: ignore[arg-type]
+        made = model.pipeline(depth=depth is not None, lens_known=observed.lens_known)
+        made.callbacks.append(Watching(made.generator, observed, told.put, left))  # type: ignore[arg-type]
         return made
 
     def fit() -> None:
         try:
-            told.put(pose_of(model, photo, target, pipeline=pipeline))
-        except BaseException as error:  # whatever it is, it is told to those who wait
+            told.put(pose_of(model, photo, target, pipeline=pipeline, **given))
+        except BaseException as error:  # any error is passed to the waiting thread
             told.put(error)
 
     thread = Thread(target=fit, daemon=True)
@@ -116,3 +140,8 @@ def watched(model: CategoryModel, photo: Photo, target: FoundObject) -> Iterator
     finally:
         left.set()
         thread.join()
+
+
+def _picture(images: Tensor) -> NDArray[np.float32]:
+    picture: NDArray[np.float32] = images[0].movedim(0, -1).float().clamp(0, 1).cpu().numpy()
+    return picture

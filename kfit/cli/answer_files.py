@@ -16,6 +16,7 @@ from rich.table import Table
 
 from kfit.pose import PoseResult
 from kfit.reports import describe, draw_objects, draw_overlay
+from kfit.reports.words import words_of
 from kfit.runtime.atomic_write import atomic_write
 
 VERSION = 2
@@ -63,16 +64,26 @@ def picture(results: Sequence[PoseResult]) -> NDArray[np.uint8]:
 def table(answers: Answers) -> Table:
     """A row an object."""
     made = Table(box=None, pad_edge=False)
-    for head in (["photo"] if len(answers) > 1 else []) + ["", "object", "sure", "box", "pose"]:
+    for head in (["photo"] if len(answers) > 1 else []) + [
+        "",
+        "object",
+        "box",
+        "view",
+        "size",
+        "distance",
+        "confidence",
+    ]:
         made.add_column(head, no_wrap=head == "box", overflow="fold")
     for photo, results in answers.items():
         for number, result in enumerate(results, 1):
-            name, _, pose = describe(result).partition(" ")
-            score = "" if result.category_score is None else f"{100 * result.category_score:.0f} %"
+            words = words_of(result)
+            score = "" if result.category_score is None else f" ({100 * result.category_score:.0f} %)"
             box = " ".join(map(str, result.bbox_xywh))
-            made.add_row(*([Path(photo).name] if len(answers) > 1 else []), str(number), name, score, box, pose)
+            name = [Path(photo).name] if len(answers) > 1 else []
+            told = (words.view, words.size, words.distance, words.confidence)
+            made.add_row(*name, str(number), f"{words.name}{score}", box, *told)
         if not results:
-            made.add_row(Path(photo).name, "", "nothing found", "", "", "")
+            made.add_row(Path(photo).name, "", "nothing found")
     return made
 
 

@@ -1,4 +1,4 @@
-"""Open a local page: drop a photo, draw a box, watch the fit.
+"""Open a local page: press an example or drop a photo, watch the fit, turn the answer.
 
 Needs the package's extra: pip install 'kfit[app]'.
 """
@@ -11,9 +11,10 @@ from jsonargparse import ArgumentParser, Namespace
 def parser() -> ArgumentParser:
     """Arguments of ``kfit app``."""
     parser = ArgumentParser(
-        description="Open a page on this machine where a photo is dropped, a box is drawn around the object and the "
-        "fit is watched; its report and numbers can be downloaded. Photos stay on this machine, in memory, and are "
-        "forgotten when the page is closed. Needs: pip install 'kfit[app]'.",
+        description="Open a page on this machine where a photo is dropped, the object is chosen or outlined, the fit "
+        "is watched and its answer turned in 3D; report, numbers, picture, mesh and a program that repeats it "
+        "can be downloaded. Photos stay on this machine, in memory, and are forgotten a minute after the page is "
+        "closed. Needs: pip install 'kfit[app]'.",
         epilog="""example:
   kfit app --port 8000""",
     )
@@ -23,7 +24,7 @@ def parser() -> ArgumentParser:
         type=str,
         default="127.0.0.1",
         help="address to listen at; any other than this one lets everybody who can reach this machine use the page, "
-        "which asks for no password",
+        "which has no password",
     )
     return parser
 

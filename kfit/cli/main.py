@@ -12,18 +12,20 @@ from jsonargparse import ArgumentError, ArgumentParser, Namespace
 from kfit import __version__
 from kfit.bench import calibrate
 from kfit.bench import command as bench
-from kfit.cli import app, completion, evaluate, export, info, pack, pose, video
+from kfit.cli import app, completion, demo, evaluate, export, info, pack, pose, video
+from kfit.cli.did_you_mean import suggestion
 from kfit.runtime.console import ENDINGS, add_general_options, session
 from kfit.runtime.help_page import HelpPage, tree
 from kfit.runtime.parse_errors import sentence
 
 TRAINING = {
-    "fit": "Train networks as a recipe says, by Lightning.",
+    "fit": "Train networks by a recipe, with Lightning.",
     "validate": "Measure trained networks on a recipe's validation data.",
     "test": "Measure trained networks on a recipe's test data.",
-    "predict": "Fit a whole data set as a recipe says.",
+    "predict": "Fit a data set by a recipe.",
 }
 COMMANDS = {
+    "demo": demo,
     "pose": pose,
     "video": video,
     "app": app,
@@ -37,7 +39,8 @@ COMMANDS = {
 }
 MOST = 10**9
 EXAMPLES = """examples:
-  kfit pose photo.jpg --category mug --box 120 80 300 260
+  kfit demo
+  kfit pose photo.jpg --open
   kfit fit -c recipes/smoke.yaml
   kfit info
 
@@ -49,8 +52,8 @@ def parser() -> ArgumentParser:
     top = ArgumentParser(
         prog="kfit",
         version=__version__,
-        description="Fit a picture: find pose, shape and look of an object by drawing it until the drawing explains "
-        "the photo. `kfit COMMAND --help` tells more of a command.",
+        description="Fit a picture: find pose, shape and appearance of an object by drawing it until the drawing "
+        "explains the photo. `kfit COMMAND --help` describes a command.",
         epilog=f"{EXAMPLES}{ENDINGS}\n\nAnswers, tables and JSON go to stdout, all else to stderr. Tab completion: see "
         "`kfit completion --help`.",
         formatter_class=HelpPage,
@@ -117,10 +120,10 @@ def check_places(arguments: Namespace) -> None:
 
 
 def main(args: Sequence[str] | None = None) -> None:
-    """Run a command; without one, show the help. `kfit.runtime.console.ENDINGS` tells how it ends.
+    """Run a command; without one, show the help. `kfit.runtime.console.ENDINGS` lists its exit codes.
 
     Args:
-        args: words after the program's name; those of the process unless given.
+        args: arguments after the program's name; by default those of the process.
     """
     with session(args) as words:
         if words and words[0] in TRAINING:
@@ -137,8 +140,9 @@ def main(args: Sequence[str] | None = None) -> None:
             told = sentence(str(error))
             key = told.partition(" ")[0].replace("_", "-")
             option = any(f"--{key}" in part._option_string_actions for part in tree(top))
+            what = f"--{key}{told[len(key) :]}" if option else told
             raise ValueError(
-                f"{f'--{key}{told[len(key) :]}' if option else told}; `{' '.join(['kfit', *named])} --help` tells more"
+                f"{what};{suggestion(words, top, TRAINING)} `{' '.join(['kfit', *named])} --help` shows the usage"
             ) from None
         chosen: Namespace = arguments[arguments.subcommand]
         values = chosen[chosen.subcommand] if "subcommand" in chosen else chosen

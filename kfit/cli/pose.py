@@ -9,6 +9,7 @@ import json
 import shlex
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,7 +21,7 @@ from kfit.cli.object_arguments import camera_of
 from kfit.cli.photo_files import photo_files
 from kfit.cli.pose_arguments import parser
 from kfit.cli.pose_views import answer_views, read_poses
-from kfit.runtime.console import log, progress, see_working_folder, table_console
+from kfit.runtime.console import log, progress, see_working_folder, status, table_console
 
 if TYPE_CHECKING:
     from kfit.fitting.pipeline import FitPipeline
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
     from kfit.segmentation import Photo
 
 __all__ = ["command", "parser", "run"]
-# Width of the table where stdout is no terminal.
+# Width of the table if stdout is not a terminal.
 WIDTH = 160
 
 
@@ -37,11 +38,12 @@ def run(args: Namespace) -> None:
     """Answer, write the files, and print."""
     photos = photo_files(args.photo)
     _check(args, photos)
-    from kfit.models import load
-    from kfit.pose.object_finder import ObjectFinder
-    from kfit.pose.targets import find_targets
-    from kfit.runtime.devices import device_of, precision
-    from kfit.segmentation import depth_from_file, load_segmenter, mask_from_file, read_photo
+    with status("Loading kfit …"):
+        from kfit.models import load
+        from kfit.pose.object_finder import ObjectFinder
+        from kfit.pose.targets import find_targets
+        from kfit.runtime.devices import device_of, precision
+        from kfit.segmentation import depth_from_file, load_segmenter, mask_from_file, read_photo
 
     if args.animation is not None:
         from kfit.reports.animation import check_suffix
@@ -66,13 +68,21 @@ def run(args: Namespace) -> None:
             photo = read_photo(name)
             mask = None if args.mask is None else mask_from_file(args.mask[number], photo.image.shape[:2])
             box = None if args.box is None else tuple(args.box[number])
-            targets = find_targets(photo, category, mask, box, segmenter, finder)
+            with status(f"Looking for objects in {name} …") if len(photos) == 1 else nullcontext():
+                targets = find_targets(photo, category, mask, box, segmenter, finder)
         except (ValueError, OSError) as error:
             if len(photos) == 1 or name in str(error):
                 raise
             raise ValueError(f"{name}: {error}") from error
         return photo, _picked(targets) if args.pick else targets
 
+    if args.fit is not None:
+        from kfit.geometry import CATEGORIES
+        from kfit.pose.fit_recipe import fit_of
+
+        # A mistake in the recipe ends the command before any photo is read.
+        see_working_folder()
+        fit_of(args.fit, model_of(category or next(iter(CATEGORIES))))
     answers: dict[str, list[PoseResult]] = {}
     with progress() as bar, precision(args.precision, device):
         if poses is not None:
@@ -103,12 +113,12 @@ def _check(args: Namespace, photos: Sequence[str]) -> None:
         ValueError: naming them.
     """
     if args.category is not None and args.model is not None:
-        raise ValueError("--category and --model were both given; a model tells its category")
+        raise ValueError("--category and --model were both given; a model has its own category")
     if args.model is not None and not args.model.endswith(".safetensors"):
         raise ValueError(f"--model must name a .safetensors file, got {args.model}")
     if args.mask is not None and (args.box is not None or args.segmenter is not None):
         other = "--segmenter" if args.box is None else "--box"
-        raise ValueError(f"--mask and {other} were both given; the object is told by one of them")
+        raise ValueError(f"--mask and {other} were both given; use one of them to select the object")
     if args.fit is not None and args.depth is not None:
         raise ValueError("--fit and --depth were both given; a recipe fits colour alone")
     if args.report is not None and Path(args.report).suffix.lower() not in (".html", ".htm"):
@@ -130,7 +140,7 @@ def _check_one(args: Namespace, targets: Sequence[FoundObject]) -> None:
     for option in ("report", "animation", "mesh"):
         if args[option] is not None and len(targets) > 1:
             raise ValueError(
-                f"--{option} shows one object, but {len(targets)} were found; --category, --box or --pick tells which"
+                f"--{option} shows one object, but {len(targets)} were found; select one by --category, --box or --pick"
             )
 
 
@@ -165,7 +175,6 @@ def _answer(
         else:
             from kfit.pose.fit_recipe import fit_of
 
-            see_working_folder()
             made = fit_of(args.fit, model)
         if num_photos == 1:
             made.callbacks.append(Progress())
@@ -192,10 +201,13 @@ def _report(args: Namespace, answers: dict[str, list[PoseResult]]) -> None:
     if not results:
         what = args.category or "bottle, bowl, camera, can, laptop or mug"
         where = args.photo[0] if len(args.photo) == 1 else "the photos"
-        raise ValueError(f"no {what} was found in {where}; --box X Y W H or --mask FILE tells where one is")
+        raise ValueError(f"no {what} was found in {where}; point at one by --box X Y W H or --mask FILE")
     from kfit.cli import answer_files
     from kfit.reports import describe
+    from kfit.runtime.browser import open_files
 
+    if args.open and args.report is None and len(results) == 1:
+        args.report = str(Path(args.out) / "report.html")
     pictures = answer_files.write(answers, Path(args.out), pages(results, args))
     if args.json:
         print(json.dumps(answer_files.document(answers)))
@@ -204,10 +216,12 @@ def _report(args: Namespace, answers: dict[str, list[PoseResult]]) -> None:
     else:
         table_console(WIDTH).print(answer_files.table(answers))
         print(*pictures, sep="\n")
+    if args.open:
+        open_files([Path(args.report)] if args.report is not None else pictures)
 
 
 def pages(results: Sequence[PoseResult], args: Namespace) -> dict[str, Callable[[Path], object]]:
-    """What writes the page, the animation and the mesh of one answer that were asked for, by absolute path."""
+    """Return the writers of the requested page, animation and mesh of one answer, by absolute path."""
     writers: dict[str, Callable[[Path], object]] = {}
     if args.report is not None:
         from kfit.reports.html_page import report

@@ -9,7 +9,7 @@ from kfit.cli.photo_files import path_name
 
 
 def _number(value: str | list[float]) -> float | list[float]:
-    """A number; jsonargparse checks a whole box of them once more."""
+    """Return a number; jsonargparse checks the length of a box."""
     return list(map(float, value)) if isinstance(value, list) else float(value)
 
 
@@ -19,7 +19,7 @@ def parser() -> ArgumentParser:
         description="Find the poses of the bottles, bowls, cameras, cans, laptops and mugs in a photo, without CAD "
         "models of them: writes DIR/pose.json and DIR/overlay.png and prints a line, or a table of several objects.",
         epilog="""examples:
-  kfit pose photo.jpg
+  kfit pose photo.jpg --open
   kfit pose photo.jpg --category mug --box 120 80 300 260
   kfit pose holiday/ --category cup --segmenter yolo11n-seg.onnx
   kfit pose cutout.png --category laptop --intrinsics 1450 1450 960 540 --json
@@ -29,11 +29,11 @@ def parser() -> ArgumentParser:
         "photo",
         type=path_name,
         nargs="+",
-        help="picture files, or folders of them; an alpha channel, if any, tells where the object is",
+        help="picture files, or folders of them; an alpha channel, if any, selects the object",
     )
     thing = parser.add_argument_group("what and where the object is, where not all of them are meant")
     thing.add_argument(
-        "--category", type=str, default=None, metavar="NAME", help=f"look for these alone, one of {SPOKEN}"
+        "--category", type=str, default=None, metavar="NAME", help=f"search for this category only, one of {SPOKEN}"
     )
     thing.add_argument(
         "--model", type=str, default=None, metavar="FILE.safetensors", help="a model of your own, instead of --category"
@@ -103,7 +103,7 @@ def parser() -> ArgumentParser:
         type=str,
         default=None,
         metavar="RECIPE.yaml",
-        help="fit as a recipe says, such as recipes/fit_released.yaml (default: kfit's own way); a recipe names Python "
+        help="fit by a recipe, such as recipes/fit_released.yaml (default: kfit's own fit); a recipe names Python "
         "classes, so run one only of whom you trust, like a program",
     )
     fit.add_argument("--device", type=str, default="cpu", help="cpu, cuda or whatever PyTorch calls it")
@@ -117,6 +117,12 @@ def parser() -> ArgumentParser:
     fit.add_argument("--seed", type=int, default=0, help="decides the random numbers")
     output = parser.add_argument_group("output")
     output.add_argument("--out", type=str, default="kfit_out", help="folder to write to", metavar="DIR")
+    output.add_argument(
+        "--open",
+        action="store_true",
+        help="show the answer in a browser: the page of --report, DIR/report.html unless named, or the pictures of "
+        "several objects",
+    )
     output.add_argument("--json", action="store_true", help="print the JSON instead of the line")
     output.add_argument(
         "--report", type=str, default=None, metavar="FILE.html", help="write a page about the fit as well"

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 from jsonargparse import ArgumentParser, Namespace
 
 from kfit.cli.object_arguments import camera_of, check_thing
-from kfit.runtime.console import log, progress
+from kfit.runtime.console import log, progress, status
 
 if TYPE_CHECKING:
     import numpy as np
@@ -84,14 +84,15 @@ def run(args: Namespace) -> None:
     check_thing(args)
     told = [name for name in ("mask", "masks", "box", "segmenter") if args[name] is not None]
     if len(told) > 1 and told != ["box", "segmenter"]:
-        raise ValueError(f"--{told[0]} and --{told[1]} were both given; the object is told by one of them")
-    from kfit.models import load
-    from kfit.runtime.atomic_write import atomic_write
-    from kfit.segmentation import Frames
+        raise ValueError(f"--{told[0]} and --{told[1]} were both given; use one of them to select the object")
+    with status("Loading kfit …"):
+        from kfit.models import load
+        from kfit.runtime.atomic_write import atomic_write
+        from kfit.segmentation import Frames
 
-    frames = Frames.of(args.frames)
-    video = Video(load(args.model or args.category), frames, args)
-    # Both files grow from frame to frame; what writes the first writes the second beside it.
+        frames = Frames.of(args.frames)
+        video = Video(load(args.model or args.category), frames, args)
+    # Both files grow from frame to frame, and are written together.
     files = {"overlay.webm": lambda path: video.write(path, path.with_name("poses.json")), "poses.json": lambda _: None}
     overlay, _ = atomic_write(Path(args.out), files)
     if frames.note:
@@ -104,19 +105,20 @@ class Video:
 
     Args:
         model: with a pose head.
-        frames: in which it is looked for.
-        args: what the user said of it.
+        frames: of the video.
+        args: of the command line.
 
     Attributes:
-        num_frames, num_found, num_sure, num_anew: that were gone through; in which it was found; and of these with a
-            confidence above one half, and found anew, but the first.
+        num_frames, num_anew: that were gone through; in which it was found anew, but the first.
+        confidences: of the frames in which it was found.
     """
 
     def __init__(self, model: CategoryModel, frames: Frames, args: Namespace) -> None:
         from kfit.segmentation import pictures
 
         self.model, self.frames, self.args = model, frames, args
-        self.num_frames = self.num_found = self.num_sure = self.num_anew = 0
+        self.num_frames = self.num_anew = 0
+        self.confidences: list[float] = []
         self.seconds = 0.0
         self.masks = None if args.masks is None else pictures(Path(args.masks))
         if self.masks is not None and Path(args.frames).is_dir() and len(self.masks) != frames.count:
@@ -126,7 +128,6 @@ class Video:
         """Write the video and the poses, frame by frame."""
         from concurrent.futures import Future, ThreadPoolExecutor
 
-        from kfit.pose.confidence import DOUBTFUL
         from kfit.reports import VideoFile
 
         begun = time.perf_counter()
@@ -144,18 +145,17 @@ class Video:
                 if shown is not None:
                     shown.result()
                 shown = beside.submit(self.show, video, frame, answer, self.num_frames)
-                self.num_found += answer.found
-                self.num_sure += answer.found and answer.confidence > DOUBTFUL
+                self.confidences += [answer.confidence] if answer.found else []
                 self.num_anew += answer.anew and self.num_frames > 0
                 self.num_frames += 1
                 bar.advance(task)
             if shown is not None:
                 shown.result()
-            file.write("\n]}\n")
+            file.write(f'\n], "summary": {json.dumps(self.summary())}}}\n')
         self.seconds = time.perf_counter() - begun
 
     def tracked(self, file: TextIO) -> Iterator[tuple[Frame, TrackedPose]]:
-        """The frames and what is found in them; what the first tells of all is written before."""
+        """Yield the frames and their poses; values from the first that hold for all are written before."""
         from kfit.segmentation import mask_from_alpha
         from kfit.tracking import Tracker
 
@@ -174,12 +174,12 @@ class Video:
                 yield frame, tracker(frame.photo, given)
 
     def mask(self, number: int, frame: Frame) -> NDArray[np.float32] | None:
-        """What a file says of where the object is in a frame."""
+        """Return the pose of a frame as written to a file."""
         from kfit.segmentation import mask_from_file
 
         shape = frame.photo.image.shape[:2]
         if self.masks is not None:
-            # Clips say but roughly how many frames they have.
+            # The number of frames in a clip's header is approximate.
             if number >= len(self.masks):
                 held = f"{self.args.masks} holds {number} masks"
                 raise ValueError(f"--masks: {held}, and {self.args.frames} has more frames")
@@ -195,22 +195,42 @@ class Video:
     def show(self, video: VideoFile, frame: Frame, answer: TrackedPose, number: int) -> None:
         """Add a frame to the video."""
         from kfit.reports import draw_frame
+        from kfit.reports.words import confidence_words, length
 
         words = [self.model.card.category, f"frame {number}"]
-        words.append(f"{100 * answer.translation[2]:.0f} cm away" if answer.found else "not found")
-        words += [f"confidence {100 * answer.confidence:.0f} %"] if answer.found else []
+        words.append(f"about {length(float(answer.translation[2]))} away" if answer.found else "not found")
+        words += [confidence_words(answer.confidence)] if answer.found else []
         words += ["found anew"] if answer.anew and number > 0 else []
         pose = (answer.rotation, answer.translation, answer.size, answer.intrinsics) if answer.found else None
         outline = (answer.silhouette, answer.crop) if answer.found else None
-        video.write(draw_frame(frame.photo.image, ", ".join(words), pose, outline))
+        confidence = answer.confidence if answer.found else None
+        video.write(draw_frame(frame.photo.image, ", ".join(words), pose, outline, confidence))
+
+    def summary(self) -> dict[str, Any]:
+        """How many frames were gone through, and how sure the answers to them are."""
+        from kfit.reports.words import confidence_level
+
+        levels = [confidence_level(confidence) for confidence in self.confidences]
+        return {
+            "frames": self.num_frames,
+            "found": len(levels),
+            "found_anew": self.num_anew,
+            **{f"{level}_confidence": levels.count(level) for level in ("high", "medium", "low")},
+            "median_confidence": sorted(self.confidences)[len(levels) // 2] if levels else None,
+        }
 
     def described(self) -> str:
-        """One line that a person can read."""
-        anew = f", {self.num_anew} times anew" if self.num_anew else ""
+        """Put the summary into one line."""
+        told = self.summary()
+        name, found, frames = self.model.card.category, told["found"], told["frames"]
+        if not found:
+            return f"{name} found in none of {frames} frames"
+        anew = f", {self.num_anew} time{'s' if self.num_anew > 1 else ''} anew" if self.num_anew else ""
+        low = f", unsure in {told['low_confidence']}" if told["low_confidence"] else ""
         return (
-            f"{self.model.card.category} found in {self.num_found} of {self.num_frames} frames{anew}, "
-            f"{self.num_sure} of them with a confidence above 50 %, "
-            f"{self.num_frames / self.seconds:.1f} frames a second"
+            f"{name} found in {found} of {frames} frames{anew}; confidence {100 * told['median_confidence']:.0f} % in "
+            f"the median, at least 80 % in {told['high_confidence']} frames{low}; {frames / self.seconds:.1f} frames a "
+            "second"
         )
 
 
@@ -221,7 +241,7 @@ def header(first: PoseResult) -> dict[str, Any]:
 
 
 def entry(number: int, frame: Frame, answer: TrackedPose) -> dict[str, Any]:
-    """What ``poses.json`` says of a frame; null where the object was not found."""
+    """Return the entry of a frame in ``poses.json``; None if the object was not found."""
     numbers = {name: getattr(answer, name).tolist() for name in ("rotation", "translation", "size")}
     return {
         "frame": number,

@@ -25,18 +25,18 @@ TEST_SEED = 1_000_000
 
 
 def _as_fetched(batch: Any) -> Any:
-    """Batches come whole from ``__getitems__``, so there is nothing to collate."""
+    """Return the batch unchanged, because ``__getitems__`` collates it."""
     return batch
 
 
 class ViewsDataModule(LightningDataModule):
-    """Pairs of views for training a generator: procedural objects, meshes on disk, or an existing file of views.
+    """Pairs of views for training a generator: of procedural objects, meshes on disk, or an existing file of views.
 
-    Views are rendered once into ``cache_dir``, by all cores, and reused. They are kept in memory, where a GPU trains in
-    the GPU's, if they take less than half of what is free there: no step waits for its batch. Validation shows objects
-    of families that training never sees (procedural), or every tenth mesh, or the last objects of an existing file; its
-    pairs are the same each time. Test shows as many others of those families, the same meshes from other sides and in
-    other light, or other pairs of the same objects of the file. Batches are those of ``ViewPairs``.
+    Views are rendered once into ``cache_dir``, by all cores, and reused. They are kept in memory (of the GPU, if it
+    trains and they take less than half of its free memory), so that no step waits for its batch. Validation uses
+    objects of families that are not in the training data (procedural), or every tenth mesh, or the last objects of an
+    existing file; its pairs are fixed. Test uses as many others of those families, the same meshes from other
+    directions and in other light, or other pairs of the same objects of the file. Batches are those of ``ViewPairs``.
 
     Args:
         category: Procedural category, one of bottle, bowl, camera, can, laptop and mug.
@@ -50,6 +50,12 @@ class ViewsDataModule(LightningDataModule):
         num_val_objects: Objects to validate on, and to test on; at most a third of an existing file's.
         distance_range: Range of the camera's distance in box diagonals; equal ends fix it.
         seed: Chooses objects, poses, pairs and their order.
+
+    Example:
+        >>> from kfit.data import ViewsDataModule
+        >>> data = ViewsDataModule(category="mug", num_objects=2, num_views=2, num_val_objects=1)
+        >>> data.setup("fit")  # renders the views  # doctest: +SKIP
+        >>> batch = next(iter(data.train_dataloader()))  # doctest: +SKIP
     """
 
     def __init__(
@@ -89,15 +95,15 @@ class ViewsDataModule(LightningDataModule):
         self.test_pairs: ViewPairs | None = None
 
     def prepare_data(self) -> None:
-        """Render what is needed and not in the cache yet, in one process only."""
+        """Render views that are not in the cache yet, in one process only."""
         if self.views is None:
             for part in PARTS.get(self.trainer.state.fn, LEARN) if self.trainer is not None else LEARN:
                 self._build(part)
 
     def setup(self, stage: str | None = None) -> None:
-        """Load the views that a stage needs into memory, as uint8; on a GPU those of training into the GPU's.
+        """Load the views of a stage into memory, as uint8; those of training into the GPU's memory if possible.
 
-        Without a stage they are those of training and validation.
+        Without a stage the views of training and validation are loaded.
         """
         needed = [part for part in PARTS.get(stage, LEARN) if getattr(self, f"{part}_pairs") is None]
         given = Views(self.views, self.num_views) if needed and self.views is not None else None
@@ -105,19 +111,22 @@ class ViewsDataModule(LightningDataModule):
             setattr(self, f"{part}_pairs", self._pairs(part, given))
 
     def train_dataloader(self) -> DataLoader[dict[str, Tensor]]:
-        """Shuffled pairs, each process's own part of them; their order depends on the seed and the epoch alone, so that
-        a training that goes on from a checkpoint sees what it would have seen."""
+        """Return shuffled pairs, each process's part of them.
+
+        Their order depends on the seed and the epoch alone, so that a training resumed from a checkpoint uses the same
+        pairs.
+        """
         pairs = _there(self.train_pairs)
         rank, count = (self.trainer.global_rank, self.trainer.world_size) if self.trainer is not None else (0, 1)
         order: DistributedSampler[Any] = DistributedSampler(pairs, count, rank, shuffle=True, seed=self.seed)
         return self._loader(pairs, order, drop_last=len(pairs) > self.batch_size)
 
     def val_dataloader(self) -> DataLoader[dict[str, Tensor]]:
-        """Fixed pairs in a fixed order."""
+        """Return fixed pairs in a fixed order."""
         return self._loader(_there(self.val_pairs))
 
     def test_dataloader(self) -> DataLoader[dict[str, Tensor]]:
-        """Fixed pairs in a fixed order."""
+        """Return fixed pairs in a fixed order."""
         return self._loader(_there(self.test_pairs))
 
     def _loader(

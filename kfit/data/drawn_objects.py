@@ -64,7 +64,7 @@ class DrawnObjects(Dataset[tuple[np.ndarray, ...]]):
 
 
 def in_order(objects: DrawnObjects) -> DataLoader[Any]:
-    """The objects one after the other, drawn by other processes where there are many and cores for it."""
+    """Yield the objects in order, drawn by several processes if there are many objects and cores."""
     many = cores() > 1 and len(objects) * objects.settings["num_views"] >= _MANY
     # They draw and nothing else, so that PyTorch's threads, of which Python warns, do not matter to them.
     warnings.filterwarnings("ignore", message=".*use of fork\\(\\) may lead to deadlocks.*")
@@ -82,5 +82,5 @@ def _object(source: str | Sequence[str | Path], seed: int, index: int, held_out:
 
 @lru_cache(maxsize=16)
 def _from_file(path: Path, changed: int) -> Mesh:
-    """A mesh ready to draw; few files shown often under several lights are read once after each change."""
+    """Return a mesh ready to draw; files that are drawn often are cached until they change."""
     return with_exposure(load_mesh(path).normalised(), two_sided=None)

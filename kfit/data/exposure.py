@@ -1,4 +1,4 @@
-"""How much of its surroundings each vertex sees: the darkness inside a mug and under a handle."""
+"""Ambient occlusion of vertices: the darkness inside of a mug and under a handle."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from kfit.data.rasterizer import RASTER_SETTINGS
 def with_exposure(
     mesh: Mesh, two_sided: bool | None = False, num_directions: int = 40, floor: float = 0.25, image_size: int = 80
 ) -> Mesh:
-    """The mesh with baked ``exposure``, the cosine-weighted share of directions from which a vertex is seen.
+    """Return the mesh with baked ``exposure``, the cosine-weighted fraction of unoccluded directions of each vertex.
 
     ``e = floor + (1 − floor)·Σ_d w_d·seen_d / Σ_d w_d`` with ``w_d = max(0, n·d)``. Where normals cannot be trusted or
     walls have no thickness, ``two_sided`` takes ``w_d = |n·d|`` and doubles the share, up to 1, since a closed convex

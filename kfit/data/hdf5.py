@@ -1,4 +1,4 @@
-"""Datasets of HDF5 files that are untrusted."""
+"""Reading datasets of untrusted HDF5 files."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ MOST_UNPACKED = 1100
 
 
 def read_dataset(file: h5py.File, name: str, path: Path) -> np.ndarray:
-    """Read a dataset of numbers that lies in the file itself, was written whole and fits into memory.
+    """Read a dataset of numbers that is stored in the file itself, is complete and fits into memory.
 
     Args:
         file: open.

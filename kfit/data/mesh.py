@@ -1,4 +1,4 @@
-"""A textured triangle mesh, and the joining of parts into one mesh with one texture."""
+"""A textured triangle mesh, and joining parts into one mesh with one texture."""
 
 from __future__ import annotations
 
@@ -19,10 +19,19 @@ class Mesh:
     Texture coordinates are (column, row) from the texture's upper left corner, in [0, 1]: (0, 0) is the outer corner of
     the first texel and (1, 1) that of the last. ``vertices`` is (V, 3) float32 in any unit, ``faces`` (F, 3) int32,
     ``normals`` (V, 3) float32 of unit length, ``uv`` (V, 2) float32, ``texture`` (Ht, Wt, 3) uint8 RGB, and
-    ``exposure`` (V,) float32 the share of the surroundings a vertex sees, 1 where nothing was baked.
+    ``exposure`` (V,) float32 the unoccluded fraction of directions of a vertex, 1 if not baked.
 
     Raises:
         ValueError: If an array's shape does not fit the others.
+
+    Example:
+        >>> import numpy as np
+        >>> from kfit.data import Mesh
+        >>> corners = np.array([[0, 0, 0], [2, 0, 0], [0, 2, 0]], np.float32)
+        >>> up, grey = np.tile(np.float32([0, 0, 1]), (3, 1)), np.full((2, 2, 3), 128, np.uint8)
+        >>> mesh = Mesh(corners, np.array([[0, 1, 2]], np.int32), up, np.zeros((3, 2), np.float32), grey)
+        >>> mesh.normalised().bounds[1].round(3)
+        array([0.354, 0.354, 0.   ], dtype=float32)
     """
 
     vertices: np.ndarray
@@ -65,7 +74,7 @@ class Mesh:
         return sides.astype(np.float32)
 
     def normalised(self) -> Mesh:
-        """Centre the box at the origin and scale its diagonal to 1, as NOCS does.
+        """Return the mesh with its box centred at the origin and a diagonal of 1, as NOCS does.
 
         Raises:
             ValueError: If the box has no diagonal or is not finite.
@@ -86,10 +95,18 @@ class Mesh:
 
 
 def join(parts: Sequence[Mesh]) -> Mesh:
-    """One mesh of several, whose texture is an atlas with a tile for each distinct texture of the parts.
+    """Join several meshes to one, whose texture is an atlas with a tile for each distinct texture.
 
     Raises:
         ValueError: If no part is given.
+
+    Example:
+        >>> import numpy as np
+        >>> from kfit.data import build, join
+        >>> mug, can = build("mug", seed=0)[0], build("can", seed=0)[0]
+        >>> both = join([mug, can])
+        >>> len(both.faces) == len(mug.faces) + len(can.faces)
+        True
     """
     if not parts:
         raise ValueError("parts must hold at least one mesh, but is empty.")
@@ -117,7 +134,7 @@ def join(parts: Sequence[Mesh]) -> Mesh:
 
 
 def _shelves(sizes: Sequence[tuple[int, int]]) -> tuple[list[tuple[int, int]], tuple[int, int]]:
-    """Places (row, column) of tiles of the given (height, width) on shelves from the tallest, and the atlas's size."""
+    """Return places (row, column) of tiles (height, width) on shelves, the tallest first, and the size of the atlas."""
     padded = [(h + 2 * _MARGIN, w + 2 * _MARGIN) for h, w in sizes]
     limit = max(max(w for _, w in padded), int(np.ceil(np.sqrt(sum(h * w for h, w in padded)))))
     places = [(0, 0)] * len(padded)

@@ -32,7 +32,7 @@ _FARTHEST = 1e15
 
 
 def find_meshes(folder: str | Path) -> list[Path]:
-    """Mesh files below a folder, one an object, sorted.
+    """Find the mesh files in a folder, one for each object, sorted.
 
     An object's own folder ``<id>`` may hold ``model.obj`` (NOCS) or ``models/model_normalized.obj`` (ShapeNetCore v2);
     these come first, and where a folder has neither, any OBJ, GLB or PLY file in it counts.
@@ -106,7 +106,7 @@ def load_mesh(path: str | Path) -> Mesh:
 
 
 def _measure(path: Path) -> None:
-    """Refuse a GLB or OBJ file that asks for more than it holds, or for so many parts that reading takes minutes."""
+    """Refuse a GLB or OBJ file that declares more data than it has, or so many parts that reading takes minutes."""
     if path.suffix.lower() == ".obj":
         uses = [use.strip() for use in _USE.findall(path.read_bytes())]
         if (kinds := len(set(uses))) > MOST_MATERIALS or len(uses) > _MOST_USES:
@@ -128,7 +128,7 @@ def _measure(path: Path) -> None:
 
 
 def _measure_scene(scene: trimesh.Scene) -> None:
-    """Refuse what is far larger than its file, before it is unfolded: parts that return, pictures of one colour."""
+    """Refuse a scene that unfolds to far more than its file: repeated parts, pictures of one colour."""
     parts = [scene.geometry[scene.graph[node][1]] for node in scene.graph.nodes_geometry]
     faces = sum(len(getattr(part, "faces", ())) for part in parts)
     if faces > _MOST_FACES:
@@ -143,7 +143,7 @@ def _measure_scene(scene: trimesh.Scene) -> None:
 
 @contextmanager
 def _without_ghostscript() -> Iterator[None]:
-    """Pillow takes PostScript for a picture, whatever it is called, and would have Ghostscript run it."""
+    """Disable PostScript, which Pillow recognises under any file name and passes to Ghostscript."""
     before, EpsImagePlugin.gs_binary = EpsImagePlugin.gs_binary, False
     try:
         yield
@@ -184,7 +184,7 @@ def _part(geometry: trimesh.Trimesh) -> Mesh:
 
 
 def _smooth_normals(vertices: np.ndarray, normals: np.ndarray) -> np.ndarray:
-    """Average normals over vertices at one place, which files split at texture seams, but not across sharp edges."""
+    """Average normals over vertices at one place, which files split at texture seams, except across sharp edges."""
     _, group = np.unique(vertices, axis=0, return_inverse=True)
     total = np.stack([np.bincount(group.ravel(), weights=normals[:, k]) for k in range(3)], axis=1)
     mean = total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-12)
@@ -235,13 +235,13 @@ def _material_texture(material: object) -> np.ndarray:
 
 
 def _image(material: object) -> Any:
-    """The material's picture, as Pillow has it; None where it has none."""
+    """Return the material's picture as Pillow's, or None."""
     image = getattr(material, "image", None)
     return getattr(material, "baseColorTexture", None) if image is None else image
 
 
 def _shrunk(picture: np.ndarray) -> np.ndarray:
-    """At most 1024 pixels a side, by the means of areas."""
+    """Reduce a picture to at most 1024 pixels a side, by area means."""
     largest = max(picture.shape[:2])
     if largest <= _MAX_TEXTURE:
         return picture

@@ -1,4 +1,4 @@
-"""The files that belong to a mesh: materials and textures in its own tree, and no others."""
+"""The files of a mesh: materials and textures in its own folders only."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _ENTRY = re.compile(rb"^\s*(?:newmtl|map_kd)\s", re.IGNORECASE | re.MULTILINE)
 
 
 class MeshTree(Resolver):
-    """Reads what a mesh file names, where it lies in the mesh's own tree.
+    """Reads files named by a mesh file, within the folders of the mesh.
 
     That is the folder of the mesh with all below it and, as in ShapeNetCore.v2, for ``models/model_normalized.obj``
     the folder ``images`` next to ``models``. Only regular files are opened, so that no pipe is waited for.
@@ -89,14 +89,14 @@ class MeshTree(Resolver):
 
 
 def roots(path: Path) -> list[Path]:
-    """Folders of a mesh's own tree, its own first."""
+    """Return the folders of a mesh, its own first."""
     folder = path.absolute().parent.resolve()
     beside = folder.parent / "images"
     return [folder, beside] if folder.name == "models" and beside.is_dir() and not beside.is_symlink() else [folder]
 
 
 def mesh_identities(files: Sequence[Path]) -> list[str]:
-    """Tell meshes from others: by the name and content of each and the materials and textures in its own tree.
+    """Identify meshes by name and content, including materials and textures in their folders.
 
     Returns:
         The name and 16 hexadecimal digits of each.
@@ -123,6 +123,6 @@ def _digest_of(path: Path) -> str:
 
 @lru_cache(maxsize=100_000)
 def _digest(path: str, size: int, changed: int) -> str:
-    """Of a file's content; size and time of change tell whether it must be read anew."""
+    """Hash a file's content; size and modification time show whether it must be read again."""
     with open(path, "rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

@@ -1,4 +1,4 @@
-"""The pose of an object whose NOCS coordinates and depth are known, by a similarity."""
+"""The pose of an object from its NOCS coordinates and depth, as a similarity."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ def align(
     num_trials: int = 200,
     seed: int = 0,
 ) -> NDArray[np.float64]:
-    """Similarity x ↦ s R x + t that takes object coordinates to camera points, robust to wrong ones.
+    """Estimate the similarity x ↦ s R x + t from object coordinates to camera points, robust to outliers.
 
-    RANSAC over samples of five pairs, each fitted by Umeyama's least squares, then once more over all pairs that agree
-    with the best (scikit-image's ransac). NOCS's own aligning.py does the same with a tolerance so wide that nearly all
-    pairs count.
+    RANSAC over samples of five pairs, each fitted by Umeyama's least squares, then a fit of all pairs that agree with
+    the best (scikit-image's ransac). NOCS's aligning.py does the same with a tolerance so wide that nearly all pairs
+    agree.
 
     Args:
         coordinates: (M, 3) in the object's frame.
@@ -38,6 +38,14 @@ def align(
 
     Raises:
         ValueError: if there are fewer than 16 pairs, or no similarity explains a tenth of them.
+
+    Example:
+        >>> import numpy as np
+        >>> from kfit.data import align
+        >>> coordinates = np.random.default_rng(0).uniform(-0.5, 0.5, (100, 3))
+        >>> similarity = align(coordinates, 0.2 * coordinates + [0.0, 0.0, 1.0])
+        >>> similarity[0, 0].round(3), similarity[2, 3].round(3)
+        (np.float64(0.2), np.float64(1.0))
     """
     check_positive("tolerance", tolerance)
     check_count("num_trials", num_trials)

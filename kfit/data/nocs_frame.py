@@ -1,4 +1,4 @@
-"""Frames of CAMERA25 and REAL275 as published: colour, depth, coordinates, masks, objects and their true poses."""
+"""Frames of CAMERA25 and REAL275 as published: colour, depth, coordinates, masks, objects and true poses."""
 
 from __future__ import annotations
 
@@ -38,10 +38,16 @@ class NOCSObject:
         model: its mesh and box.
         mask: (H, W).
         box: (4,) of the mask: top, left, bottom, right, the latter two just outside.
-        pose: (4, 4) of [s R | t], object to camera in metres and OpenCV axes, s being the box's diagonal; None where
-            neither a pickle tells it nor depth and coordinates do.
-        size: (3,) extents over the diagonal; None where neither a pickle nor a model tells them.
-        handle_visible: False for a mug that hides it, as the pickle says; True where it says nothing.
+        pose: (4, 4) of [s R | t], object to camera in metres and OpenCV axes, s being the box's diagonal; None if
+            neither a pickle nor depth and coordinates determine it.
+        size: (3,) extents over the diagonal; None if neither a pickle nor a model has them.
+        handle_visible: False for a mug whose handle is hidden by the pickle; True if the pickle has no entry.
+
+    Example:
+        >>> from kfit.data import NOCSFrames
+        >>> frames = NOCSFrames("NOCS", "real_test")  # doctest: +SKIP
+        >>> frame = frames[0]  # doctest: +SKIP
+        >>> [(found.category, found.pose) for found in frame.objects]  # doctest: +SKIP
     """
 
     instance: int
@@ -56,7 +62,7 @@ class NOCSObject:
 
 @dataclass(frozen=True)
 class NOCSFrame:
-    """One picture and all that is known of it.
+    """One picture with its depth, coordinates and objects.
 
     Attributes:
         path: the files' common beginning, ``…/scene_1/0000``.
@@ -66,6 +72,12 @@ class NOCSFrame:
             outside the masks.
         intrinsics: (3, 3).
         objects: in the order of their numbers.
+
+    Example:
+        >>> from kfit.data import NOCSFrames
+        >>> frames = NOCSFrames("NOCS", "real_test")  # doctest: +SKIP
+        >>> frame = frames[0]  # doctest: +SKIP
+        >>> [(found.category, found.pose) for found in frame.objects]  # doctest: +SKIP
     """
 
     path: Path
@@ -88,13 +100,20 @@ def read_frame(
     Args:
         path: the files' common beginning, ``…/scene_1/0000`` for ``0000_color.png`` and so on.
         intrinsics: (3, 3).
-        full_depth: CAMERA's composed depth, which knows the table too; else the frame's own, of the objects alone.
-        truth: NOCS's pickle of true poses. Objects that it leaves out, or all, are posed by `align`.
+        full_depth: CAMERA's composed depth, which includes the table; else the frame's own, of the objects alone.
+        truth: NOCS's pickle of true poses. The poses of missing objects are estimated by `align`.
         models: folder of the object models of this part of the data, ``…/obj_models/real_test``.
 
     Raises:
         FileNotFoundError: if a file is missing.
-        ValueError: if one cannot be read or does not fit the others.
+        ValueError: if one cannot be read or does not match the others.
+
+    Example:
+        >>> import numpy as np
+        >>> from kfit.data import read_frame
+        >>> read_frame("real/test/scene_1/0000", np.eye(3))
+        Traceback (most recent call last):
+        FileNotFoundError: ...
     """
     path = Path(path)
     color = _picture(Path(f"{path}_color.png"))[..., 2::-1]
@@ -125,7 +144,7 @@ def read_frame(
 
 
 def read_depth(path: str | Path) -> NDArray[np.floating]:
-    """Depth (H, W) in metres, 0 where unknown, of REAL275's and CAMERA's composed depths and of CAMERA's own.
+    """Read depth (H, W) in metres, 0 where unknown, of REAL275's and CAMERA's composed depths and of CAMERA's own.
 
     The former are 16-bit millimetres; the latter 8-bit colours of 256 · green + red millimetres.
 
@@ -194,7 +213,7 @@ def _known(truth: str | Path | None) -> Mapping[str, Any] | None:
 def _match(
     known: Mapping[str, Any] | None, class_id: int, box: NDArray[np.int32]
 ) -> tuple[NDArray[np.float64] | None, NDArray[np.float64] | None, bool]:
-    """Pose, size and visibility of the handle of the object with this class and box, to within five pixels in all."""
+    """Return pose, size and handle visibility of the object with this class and box, within five pixels in total."""
     if known is None:
         return None, None, True
     seen = next((known[key] for key in ("gt_handle_visibility", "handle_visibility") if key in known), None)

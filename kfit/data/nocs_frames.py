@@ -1,4 +1,4 @@
-"""CAMERA25 and REAL275 on disk, in the folders that they are published in."""
+"""CAMERA25 and REAL275 on disk, in the published folders."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _FILES = ("color.png", "depth.png", "coord.png", "mask.png", "meta.txt")
 
 
 class NOCSFrames(Sequence[NOCSFrame]):
-    """The frames of one part of the data, read when asked for.
+    """The frames of one split of the data, read on access.
 
     Below ``root`` lie the frames (``camera/val/00000/0000_color.png``, ``real/test/scene_1/0000_color.png``, or the
     part's folder alone) and, where they are at hand, ``camera_full_depths``, ``gts`` and ``obj_models``. Frames that
@@ -37,8 +37,14 @@ class NOCSFrames(Sequence[NOCSFrame]):
         paths: the frames' common beginnings, sorted.
 
     Raises:
-        FileNotFoundError: if no folder of the part lies below the root.
-        ValueError: if the split is another, or its folder holds no whole frame.
+        FileNotFoundError: if the root has no folder of the split.
+        ValueError: if the split is unknown, or its folder has no complete frame.
+
+    Example:
+        >>> from kfit.data import NOCSFrames
+        >>> NOCSFrames("NOCS", "real_test")
+        Traceback (most recent call last):
+        FileNotFoundError: ...
     """
 
     def __init__(self, root: str | Path, split: Split) -> None:

@@ -1,4 +1,4 @@
-"""Object models of CAMERA25 and REAL275: which stands in a frame, where its mesh lies, how large its box is."""
+"""Object models of CAMERA25 and REAL275: the model, mesh and box size of each object in a frame."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ class NOCSModel:
 
     Attributes:
         name: ShapeNet's ``synset/id`` for CAMERA, the scan's own for REAL275.
-        mesh: its OBJ file, for `kfit.data.mesh_files.load_mesh`; None where no folder of models was given.
-        size: (3,) extents over the box's diagonal; None where no file tells them.
+        mesh: its OBJ file, for `kfit.data.mesh_files.load_mesh`; None without a folder of models.
+        size: (3,) extents over the box's diagonal; None if no file has them.
     """
 
     name: str
@@ -29,7 +29,7 @@ class NOCSModel:
 
 
 def read_meta(path: Path, models: str | Path | None) -> dict[int, tuple[int, NOCSModel]]:
-    """Class number and model by instance number, from a frame's ``_meta.txt``; class 0 is clutter.
+    """Read class number and model by instance number from a frame's ``_meta.txt``; class 0 is clutter.
 
     A line has an instance, a class, and the model: a scan's name, or ShapeNet's synset and identifier.
 
@@ -39,7 +39,7 @@ def read_meta(path: Path, models: str | Path | None) -> dict[int, tuple[int, NOC
 
     Raises:
         FileNotFoundError: if there is no such file.
-        ValueError: if a line is otherwise.
+        ValueError: if a line has another form.
     """
     if not path.is_file():
         raise FileNotFoundError(f"there is no file {path}")

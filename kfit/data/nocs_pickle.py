@@ -1,4 +1,4 @@
-"""Pickles of arrays and plain values, read without running anything that they ask for."""
+"""Pickles of arrays and plain values, read without running code of the file."""
 
 from __future__ import annotations
 
@@ -21,12 +21,18 @@ _KINDS = "biufSU"
 def load_pickle(path: str | Path) -> Any:
     """Read a pickle of NumPy arrays, lists, tuples, sets, dicts, text, bytes, numbers, True, False and None.
 
-    A pickle is a program that may call any function by name. Here the names that NumPy's own pickles use stand for
+    A pickle is a program that may call any function by name. Here the names of NumPy's pickles are replaced by
     functions that check and rebuild plain arrays, and every other name is refused before anything is called.
 
     Raises:
         FileNotFoundError: if there is no such file.
-        ValueError: if it asks for anything else, unfolds to far more than its bytes, or is damaged or no pickle.
+        ValueError: if it holds anything else, unfolds to far more than its bytes, or is damaged or not a pickle.
+
+    Example:
+        >>> from kfit.data import dump_pickle, load_pickle
+        >>> dump_pickle("values.pkl", {"scores": [0.9, 0.8]})
+        >>> load_pickle("values.pkl")
+        {'scores': [0.9, 0.8]}
     """
     path = Path(path)
     if not path.is_file():
@@ -45,9 +51,16 @@ def load_pickle(path: str | Path) -> Any:
 
 
 def dump_pickle(path: str | Path, value: Any) -> None:
-    """Write a pickle that Python 3 with any NumPy reads, the whole file or none.
+    """Write a pickle atomically that Python 3 with any NumPy reads.
 
-    NumPy 2 names its internals otherwise than NumPy 1, which knows only the old names; NumPy 2 knows both.
+    NumPy 2 renamed its internals and reads both names, NumPy 1 only the old names, which are written.
+
+    Example:
+        >>> import numpy as np
+        >>> from kfit.data import dump_pickle, load_pickle
+        >>> dump_pickle("array.pkl", np.arange(3))
+        >>> load_pickle("array.pkl").sum()
+        np.int64(3)
     """
     path = Path(path)
     # The third protocol spells names in full, ended by a newline.
@@ -57,11 +70,11 @@ def dump_pickle(path: str | Path, value: Any) -> None:
 
 
 class _RefusedError(Exception):
-    """A name that no pickle of plain values needs."""
+    """A name that pickles of plain values do not need."""
 
 
 class _Dtype:
-    """Stands for a dtype: its real counterpart's state could say that its memory holds pointers."""
+    """Placeholder of a dtype, because the state of a real one could declare pointers in its memory."""
 
     def __init__(self, code: str, *_: object) -> None:
         dtype = np.dtype(code) if isinstance(code, str) else None
@@ -77,7 +90,7 @@ class _Dtype:
 
 
 class _Array:
-    """Stands for an array until its state has come."""
+    """Placeholder of an array until its state is read."""
 
     def __init__(self, *_: object) -> None:
         self.value: NDArray[Any] = np.zeros(0)
@@ -88,7 +101,7 @@ class _Array:
 
 
 def _rebuilt(raw: bytes | bytearray | str, dtype: object, shape: tuple[int, ...], order: Any) -> NDArray[Any]:
-    """An array from its bytes, which Python 2 wrote as text."""
+    """Build an array from its bytes, which Python 2 wrote as text."""
     if not isinstance(dtype, _Dtype):
         raise _RefusedError("an array without a dtype")
     data = raw.encode("latin1") if isinstance(raw, str) else bytes(raw)
@@ -100,7 +113,7 @@ def _scalar(dtype: object, raw: bytes | str) -> Any:
 
 
 def _encode(text: str, encoding: str) -> bytes:
-    """How the second protocol writes bytes."""
+    """Encode text as bytes, as the second protocol does."""
     if encoding != "latin1":
         raise _RefusedError(f"the encoding {encoding!r}")
     return text.encode("latin1")
@@ -148,7 +161,7 @@ class _Unpickler(pickle.Unpickler):
 
 
 class _Plain:
-    """Puts arrays in the place of what stood for them, and measures lists and dicts that hold one another."""
+    """Replaces placeholders by arrays, and limits nested lists and dicts."""
 
     def __init__(self) -> None:
         self.known: dict[int, tuple[Any, int, Any]] = {}  # by identity: the value made, its items, and the original

@@ -1,4 +1,4 @@
-"""NOCS's result files: what was found in an image beside what is there, for kfit's evaluation and for others'."""
+"""NOCS's result files: predictions and true objects of an image."""
 
 from __future__ import annotations
 
@@ -24,9 +24,17 @@ class NOCSPrediction:
         rotation: (3, 3) object to camera, OpenCV axes.
         translation: (3,) in metres.
         size: (3,) extents in metres.
-        score: how sure it is; larger is surer.
+        score: larger is more certain.
         box: (4,) in the image: top, left, bottom, right, the latter two just outside.
-        mask: (H, W), where there is one.
+        mask: (H, W) or None.
+
+    Example:
+        >>> import numpy as np
+        >>> from kfit.data import NOCSPrediction
+        >>> pose = {"rotation": np.eye(3), "translation": np.array([0.0, 0.0, 1.0])}
+        >>> found = NOCSPrediction("mug", **pose, size=np.full(3, 0.1), score=0.9, box=np.array([10, 20, 60, 80]))
+        >>> found.category
+        'mug'
     """
 
     category: str
@@ -39,7 +47,7 @@ class NOCSPrediction:
 
 
 def make_result(frame: NOCSFrame, predictions: Sequence[NOCSPrediction]) -> dict[str, Any]:
-    """A frame's objects and predictions under the names of NOCS's detect_eval.py.
+    """Return a frame's objects and predictions under the names of NOCS's detect_eval.py.
 
     ``image_path``; ``gt_class_ids`` (T,), ``gt_bboxes`` (T, 4), ``gt_RTs`` (T, 4, 4), ``gt_scales`` (T, 3),
     ``gt_handle_visibility`` (T,); ``pred_class_ids`` (P,), ``pred_bboxes``, ``pred_RTs``, ``pred_scales``,
@@ -48,6 +56,11 @@ def make_result(frame: NOCSFrame, predictions: Sequence[NOCSPrediction]) -> dict
 
     Raises:
         ValueError: if an object of the frame has no pose or size.
+
+    Example:
+        >>> from kfit.data import NOCSFrames, make_result
+        >>> frame = NOCSFrames("NOCS", "real_test")[0]  # doctest: +SKIP
+        >>> make_result(frame, predictions)["pred_RTs"].shape  # doctest: +SKIP
     """
     for thing in frame.objects:
         if thing.pose is None or thing.size is None:
@@ -73,10 +86,19 @@ def make_result(frame: NOCSFrame, predictions: Sequence[NOCSPrediction]) -> dict
 
 
 def write_result(folder: str | Path, result: dict[str, Any]) -> Path:
-    """Write ``results_<split>_<scene>_<number>.pkl``, named by the image, the whole file or none.
+    """Write ``results_<split>_<scene>_<number>.pkl`` atomically, named by the image.
 
     Raises:
-        ValueError: if the result does not say its image.
+        ValueError: if the result has no ``image_path``.
+
+    Example:
+        >>> from kfit.data import read_results, result_files, write_result
+        >>> result = {"image_path": "real/test/scene_1/0000", "gt_class_ids": [], "pred_class_ids": []}
+        >>> path = write_result("results", result)
+        >>> [file.name for file in result_files("results")]
+        ['results_test_scene_1_0000.pkl']
+        >>> [result["image_path"] for result in read_results(result_files("results"))]
+        ['real/test/scene_1/0000']
     """
     if not isinstance(result.get("image_path"), str):
         raise ValueError("result must say its image_path, which names the file")
@@ -87,10 +109,16 @@ def write_result(folder: str | Path, result: dict[str, Any]) -> Path:
 
 
 def result_files(place: str | Path) -> list[Path]:
-    """The result file itself, or the ``results_*.pkl`` of a folder, sorted.
+    """Return the result file itself, or the ``results_*.pkl`` of a folder, sorted.
 
     Raises:
         FileNotFoundError: if there is no such place, or the folder holds none.
+
+    Example:
+        >>> from kfit.data import result_files
+        >>> result_files("missing")
+        Traceback (most recent call last):
+        FileNotFoundError: ...
     """
     place = Path(place)
     if place.is_file():
@@ -104,11 +132,18 @@ def result_files(place: str | Path) -> list[Path]:
 
 
 def read_results(files: Iterable[str | Path]) -> Iterator[dict[str, Any]]:
-    """Results of the images in files one by one, each with its ``image_path``; a file may hold a list of them.
+    """Yield the results of the images in files, each with its ``image_path``; a file may hold a list of them.
 
     Raises:
         FileNotFoundError: if there is no such file.
         ValueError: if one is damaged, holds more than arrays and plain values, or no results.
+
+    Example:
+        >>> from kfit.data import read_results, write_result
+        >>> result = {"image_path": "real/test/scene_1/0000", "gt_class_ids": [], "pred_class_ids": []}
+        >>> path = write_result("results", result)
+        >>> len(list(read_results([path])))
+        1
     """
     for path in files:
         loaded = load_pickle(path)

@@ -1,4 +1,4 @@
-"""Limits of a pickle that is untrusted: measured from its operations, before any of them is carried out."""
+"""Limits of an untrusted pickle, measured from its operations before they run."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ _MARK = (0, 0)
 def check_pickle(content: bytes) -> None:
     """Refuse a pickle whose values would hold more than 10,000,000 items, or lie more than 100 deep in one another.
 
-    A tuple that holds another twice, which holds a third twice and so on, takes a few bytes a level in the file, while
-    hashing or printing it takes twice the time a level. The sizes are upper bounds: a stack of (items, depth) stands
-    for the stack of values. What is put into a list or dict after it was placed elsewhere is not seen here.
+    A tuple that holds another twice, which holds a third twice and so on, takes a few bytes a level in the file, but
+    hashing or printing it doubles with each level. The sizes are upper bounds: a stack of (items, depth) simulates the
+    stack of values. Items added to a list or dict after it was used elsewhere are not counted.
 
     Raises:
         ValueError: if it is larger, memorises values under numbers beyond its length, or is damaged.

@@ -1,4 +1,4 @@
-"""Pictures of meshes without a display: colour, mask, depth and object coordinates, on OpenCV's rasterizer."""
+"""Rendering of meshes without a display: colour, mask, depth and object coordinates, by OpenCV's rasterizer."""
 
 from __future__ import annotations
 
@@ -24,11 +24,17 @@ RASTER_SETTINGS = (
 
 @dataclass(frozen=True)
 class Light:
-    """Light fixed in the object's frame: all views of one object then agree, and a code can explain the shading.
+    """Light fixed in the object's frame, so that all views of one object agree and a code can explain the shading.
 
     ``ambient`` (3,) is the light from all sides (a quarter stronger from above, weaker from below), ``directions``
     (L, 3) unit vectors that point to the lamps, ``colors`` (L, 3) their RGB strengths, ``specular`` the strength and
     ``shininess`` the exponent of Blinn–Phong highlights.
+
+    Example:
+        >>> import numpy as np
+        >>> from kfit.data import Light
+        >>> Light.random(np.random.default_rng(0)).directions.shape[1]
+        3
     """
 
     ambient: np.ndarray
@@ -43,7 +49,7 @@ class Light:
 
     @staticmethod
     def random(rng: np.random.Generator) -> Light:
-        """Draw a room: a main lamp and often a weaker one, warm or cold, with a random ambient share.
+        """Draw a random room: a main lamp and often a weaker one, warm or cold, with a random ambient fraction.
 
         The lamps of two rooms in three are above the upright object; the others' are on any side of it, as a lying or
         inverted object has them.
@@ -68,7 +74,7 @@ class Light:
         )
 
     def shade(self, albedo: np.ndarray, normal: np.ndarray, view: np.ndarray, exposure: np.ndarray) -> np.ndarray:
-        """Colour (…, 3) of surface points that face the viewer.
+        """Return the colour (…, 3) of surface points that face the viewer.
 
         ``c = a·e·(A·(1 + n_y/4) + Σ_l C_l·max(0, n·d_l)) + e²·k·Σ_l C_l·max(0, n·h_l)^s`` with albedo ``a``, exposure
         ``e``, ambient ``A``, lamps ``C_l, d_l`` and half vectors ``h_l``; ``n`` is turned to the viewer first, so that
@@ -91,10 +97,18 @@ class Light:
 
 @dataclass(frozen=True)
 class View:
-    """What a camera sees, in float32.
+    """The picture of a camera, in float32.
 
     ``image`` (H, W, 3) RGB in [0, 1] on white, ``mask`` (H, W) coverage in [0, 1], ``depth`` (H, W) along the viewing
     axis in the mesh's unit and ``coords`` (H, W, 3) in the mesh's frame, both 0 where nothing is.
+
+    Example:
+        >>> import numpy as np
+        >>> from kfit.data import Light, build, pose_view
+        >>> mug = build("mug", seed=0)[0]
+        >>> view = pose_view(mug.normalised(), elevation=0.5, azimuth=0.3, light=Light.random(np.random.default_rng(0)))
+        >>> view.image.shape, bool(view.mask[32, 32] > 0.5)
+        ((64, 64, 3), True)
     """
 
     image: np.ndarray
@@ -106,7 +120,7 @@ class View:
 def render(
     mesh: Mesh, world2cam: np.ndarray, intrinsics: np.ndarray, size: tuple[int, int], light: Light, supersample: int = 2
 ) -> View:
-    """Draw a mesh.
+    """Render a mesh.
 
     The camera's frame is x right, y up, z towards the viewer, so what it sees has negative z. A point (x, y, z) falls
     on column ``fx·x/(−z) + cx`` and row ``−fy·y/(−z) + cy`` with pixel centres at integers. Colour and mask are means
@@ -123,6 +137,14 @@ def render(
 
     Raises:
         ValueError: If a part of the mesh lies at or behind the camera, which the rasterizer cannot clip.
+
+    Example:
+        >>> import numpy as np
+        >>> from kfit.data import Light, build, render
+        >>> from kfit.data.rasterizer import standard_intrinsics, standard_pose
+        >>> mug, light = build("mug", seed=0)[0].normalised(), Light.random(np.random.default_rng(0))
+        >>> render(mug, standard_pose(0.5, 0.3), standard_intrinsics(64), (64, 64), light).image.shape
+        (64, 64, 3)
     """
     check_list("size", size, 2, check_count)
     check_count("supersample", supersample, 1, 16)
@@ -172,10 +194,18 @@ def pose_view(
     unit_fraction: float = UNIT_FRACTION,
     supersample: int = 2,
 ) -> View:
-    """Draw a normalised mesh with the standard camera at an elevation and azimuth in radians, roll 0.
+    """Render a normalised mesh with the standard camera at an elevation and azimuth in radians, roll 0.
 
     ``R_cam_obj = Rx(elevation)·Ry(azimuth)``; the camera stands ``distance`` diagonals away on its own z axis and looks
     at the object's centre; its focal length is that of ``standard_intrinsics``.
+
+    Example:
+        >>> import numpy as np
+        >>> from kfit.data import Light, build, pose_view
+        >>> mug = build("mug", seed=0)[0]
+        >>> view = pose_view(mug.normalised(), elevation=0.5, azimuth=0.3, light=Light.random(np.random.default_rng(0)))
+        >>> view.image.shape, bool(view.mask[32, 32] > 0.5)
+        ((64, 64, 3), True)
     """
     check_range("elevation", elevation)
     check_range("azimuth", azimuth)
@@ -193,7 +223,7 @@ def pose_view(
 
 
 def standard_pose(elevation: float, azimuth: float, distance: float = DISTANCE) -> np.ndarray:
-    """(4, 4) map from the object's frame to the standard camera's for angles in radians."""
+    """Return the map (4, 4) from the object's frame to the standard camera's for angles in radians."""
     ce, se, ca, sa = np.cos(elevation), np.sin(elevation), np.cos(azimuth), np.sin(azimuth)
     pose = np.eye(4)
     pose[:3, :3] = np.array([[1, 0, 0], [0, ce, -se], [0, se, ce]]) @ np.array([[ca, 0, sa], [0, 1, 0], [-sa, 0, ca]])
@@ -204,7 +234,7 @@ def standard_pose(elevation: float, azimuth: float, distance: float = DISTANCE) 
 def standard_intrinsics(
     image_size: int, distance: float = DISTANCE, unit_fraction: float = UNIT_FRACTION
 ) -> np.ndarray:
-    """(3, 3) pinhole matrix of the standard camera in pixels, pixel centres at integers.
+    """Return the pinhole matrix (3, 3) of the standard camera in pixels, pixel centres at integers.
 
     The sphere of unit diameter, which holds every normalised object, has a silhouette ``unit_fraction`` times as wide
     as the picture at any distance D: ``focal = unit_fraction · image_size · √(D² − 1/4)``.
@@ -215,7 +245,7 @@ def standard_intrinsics(
 
 
 def _camera(world2cam: np.ndarray, intrinsics: np.ndarray, size: tuple[int, int]) -> tuple[np.ndarray, float]:
-    """The rasterizer's camera has square pixels and a centred axis; a shear of world2cam makes up the difference."""
+    """Return a camera with square pixels and a centred axis; a shear of world2cam compensates the difference."""
     height, width = size
     fx, fy, cx, cy = intrinsics[0, 0], intrinsics[1, 1], intrinsics[0, 2], intrinsics[1, 2]
     shear = np.eye(4)
@@ -224,14 +254,14 @@ def _camera(world2cam: np.ndarray, intrinsics: np.ndarray, size: tuple[int, int]
 
 
 def _supersampled(intrinsics: np.ndarray, factor: int) -> np.ndarray:
-    """Intrinsics for a picture with ``factor`` samples along each side of a pixel."""
+    """Return intrinsics for a picture with ``factor`` samples along each side of a pixel."""
     scaled: np.ndarray = intrinsics * np.array([[factor], [factor], [1.0]])
     scaled[:2, 2] += (factor - 1) / 2
     return scaled
 
 
 def _unproject(depth: np.ndarray, world2cam: np.ndarray, intrinsics: np.ndarray) -> np.ndarray:
-    """Points (H, W, 3) in the mesh's frame of a depth picture (H, W)."""
+    """Return points (H, W, 3) in the mesh's frame of a depth picture (H, W)."""
     height, width = depth.shape
     x = (np.arange(width) - intrinsics[0, 2]) / intrinsics[0, 0]
     y = -(np.arange(height) - intrinsics[1, 2]) / intrinsics[1, 1]
@@ -241,7 +271,7 @@ def _unproject(depth: np.ndarray, world2cam: np.ndarray, intrinsics: np.ndarray)
 
 
 def _lookup(texture: np.ndarray, uv: np.ndarray) -> np.ndarray:
-    """Bilinear colours (M, 3) in [0, 1] at texture coordinates (M, ≥2)."""
+    """Return bilinear colours (M, 3) in [0, 1] at texture coordinates (M, ≥2)."""
     size = np.array(texture.shape[1::-1], np.float32)
     place = uv[:, :2] * size - 0.5
     # cv2.remap takes fewer than 32768 columns and rows, so a long list of points is folded into rows of 256.

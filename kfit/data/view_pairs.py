@@ -1,4 +1,4 @@
-"""Every view of many objects beside another view of the same object."""
+"""Pairs of views of the same object."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from kfit.data.views import Views
 
 
 class ViewPairs(Dataset[dict[str, Tensor]]):
-    """Every view once as target, with another view of the same object as source.
+    """All views as targets, each with another view of the same object as source.
 
     Whole batches are fetched by index, and converted to float once. ``source``, ``target`` (B, 3, H, W) in [0, 1];
     ``source_mask``, ``target_mask`` (B, 1, H, W) in [0, 1]; ``target_depth`` (B, 1, H, W) in box diagonals relative to
@@ -30,6 +30,13 @@ class ViewPairs(Dataset[dict[str, Tensor]]):
 
     Raises:
         ValueError: If an object has fewer than two views.
+
+    Example:
+        >>> from kfit.data import Views, ViewPairs, build_views
+        >>> path = build_views("views.h5", "can", num_objects=1, num_views=2, image_size=16)
+        >>> pairs = ViewPairs(Views("views.h5"), objects=[0], seed=0)
+        >>> pairs.__getitems__([0, 1])["target"].shape
+        torch.Size([2, 3, 16, 16])
     """
 
     def __init__(
@@ -64,7 +71,7 @@ class ViewPairs(Dataset[dict[str, Tensor]]):
         return len(self.images)
 
     def sources(self, targets: Tensor) -> Tensor:
-        """Rows of the sources (B,) that this epoch pairs with the rows of targets (B,)."""
+        """Return rows of the sources (B,) that this epoch pairs with the rows of targets (B,)."""
         epoch = self._epoch()
         if epoch != self._drawn_for:
             rng = np.random.default_rng([self._seed, epoch])

@@ -1,4 +1,4 @@
-"""What a build of views has drawn so far: files of some objects each, whole or not there."""
+"""Intermediate files of a build of views, of some objects each, written atomically."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ FIELDS = ("images", "depth", "poses", "distances", "extents")
 
 
 class ViewParts:
-    """Parts of a build in a folder of their own; several processes may add to them, as all draw the same.
+    """Parts of a build in their own folder; several processes may add to them, because all draw the same.
 
     Args:
-        folder: made where it is not there; what is in it of other settings is removed.
+        folder: created if missing; parts of other settings are removed.
         settings: of the build, plain values.
     """
 
@@ -43,12 +43,12 @@ class ViewParts:
         return range(part * SIZE, min((part + 1) * SIZE, int(self.settings["num_objects"])))
 
     def missing(self) -> list[int]:
-        """Parts that are not there."""
+        """Numbers of missing parts."""
         there = {path.name for path in self.folder.iterdir()} if self.folder.is_dir() else set()
         return [part for part in range(self.count) if self._name(part) not in there]
 
     def write(self, part: int, drawn: list[tuple[np.ndarray, ...]]) -> None:
-        """Keep a part's objects."""
+        """Write a part's objects."""
         arrays: dict[str, Any] = {
             name: np.stack(values) for name, values in zip(FIELDS, zip(*drawn, strict=True), strict=True)
         }

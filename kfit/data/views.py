@@ -40,7 +40,7 @@ def build_views(
     unit_fraction: float = UNIT_FRACTION,
     supersample: int = 2,
 ) -> Path:
-    """Render ``num_objects`` × ``num_views`` pictures into one HDF5 file.
+    """Render ``num_objects`` × ``num_views`` pictures to one HDF5 file.
 
     With N = num_objects · num_views rows, ``num_views`` consecutive ones an object: ``images`` (N, H, W, 4) uint8 RGB
     on white and mask, ``poses`` (N, 2) float32 elevation and azimuth in degrees, ``depth`` (N, H, W) float16 in box
@@ -52,8 +52,8 @@ def build_views(
     ``kfit.data.rasterizer.standard_intrinsics`` frames the object. An object's numbers depend on ``seed`` and its own
     index alone.
 
-    A finished file with the same settings is used as it is, one with others is replaced with a word in the log. An
-    interrupted build goes on where it stood, and processes that build the same file at once end with one whole file.
+    A complete file with the same settings is reused, one with others is replaced, which is logged. An interrupted build
+    is resumed, and processes that build the same file at once produce one complete file.
 
     Args:
         path: The file to write.
@@ -72,6 +72,12 @@ def build_views(
     Raises:
         ValueError: If a number is not positive, the range is reversed, or the category unknown.
         FileNotFoundError: If a mesh file is missing.
+
+    Example:
+        >>> from kfit.data import Views, ViewPairs, build_views
+        >>> path = build_views("views.h5", "can", num_objects=1, num_views=2, image_size=16)
+        >>> Views("views.h5").images.shape
+        (2, 16, 16, 3)
     """
     check_text("path", path)
     if isinstance(source, str):
@@ -135,7 +141,7 @@ def _draw(parts: ViewParts, source: str | Sequence[str | Path]) -> None:
 
 
 def _join(path: Path, parts: ViewParts) -> None:
-    """Write the file: a chunk an object, so that reading one object reads one chunk."""
+    """Write the file with one chunk for each object, so that reading one object reads one chunk."""
     settings = parts.settings
     objects, views, size = (int(settings[name]) for name in ("num_objects", "num_views", "image_size"))
     num = objects * views
@@ -159,7 +165,7 @@ def _join(path: Path, parts: ViewParts) -> None:
 
 
 def _settings_of(path: Path) -> dict[str, object] | None:
-    """Settings a file was built with, None where it is no such file or broken."""
+    """Return the settings of a file, or None if it is not such a file or damaged."""
     try:
         with h5py.File(path, "r") as file:
             settings: dict[str, object] = json.loads(file.attrs["settings"])
@@ -187,6 +193,13 @@ class Views:
         FileNotFoundError: If there is no such file.
         ValueError: If the file is no HDF5 file, is cut short, lacks a dataset or has one of another shape, or does not
             divide into objects of ``num_views``.
+
+    Example:
+        >>> from kfit.data import Views, ViewPairs, build_views
+        >>> path = build_views("views.h5", "can", num_objects=1, num_views=2, image_size=16)
+        >>> views = Views("views.h5")
+        >>> views.num_views, views.depth.dtype
+        (2, dtype('float16'))
     """
 
     def __init__(self, path: str | Path, num_views: int | None = None) -> None:

@@ -23,6 +23,7 @@ class Category:
         sides: of a box that holds every object of the category, along NOCS's axes, in diagonals of the object.
         axes: orientation of the object in NOCS's frame; y points up.
         elevation_deg: range of elevations in photos.
+        front: what points along +x, for sentences; None where nothing does.
 
     Example:
         >>> from kfit.geometry import CATEGORIES
@@ -40,6 +41,7 @@ class Category:
     sides: tuple[float, float, float]
     axes: str
     elevation_deg: tuple[float, float] = (-15.0, 75.0)
+    front: str | None = None
 
     @property
     def azimuth_deg(self) -> tuple[float, float]:
@@ -52,9 +54,13 @@ CATEGORIES: dict[str, Category] = {
     for category in (
         Category("bottle", 1, "y", 0.34, (0.1, 0.6), 1.0, (0.52, 1.0, 0.52), "y up, free to turn about y"),
         Category("bowl", 2, "y", 0.21, (0.08, 0.5), 1.25, (0.76, 0.55, 0.76), "y up, free to turn about y"),
-        Category("camera", 3, "none", 0.19, (0.07, 0.5), 1.0, (0.85, 0.8, 0.88), "y up, lens towards +x"),
+        Category("camera", 3, "none", 0.19, (0.07, 0.5), 1.0, (0.85, 0.8, 0.88), "y up, lens towards +x", front="lens"),
         Category("can", 4, "y", 0.15, (0.06, 0.35), 1.03, (0.75, 0.97, 0.75), "y up, free to turn about y"),
-        Category("laptop", 5, "none", 0.46, (0.22, 0.8), 1.0, (0.86, 0.65, 0.86), "y up, screen facing +x"),
-        Category("mug", 6, "none", 0.17, (0.07, 0.35), 1.15, (0.87, 0.75, 0.67), "y up, handle towards +x"),
+        Category(
+            "laptop", 5, "none", 0.46, (0.22, 0.8), 1.0, (0.86, 0.65, 0.86), "y up, screen facing +x", front="screen"
+        ),
+        Category(
+            "mug", 6, "none", 0.17, (0.07, 0.35), 1.15, (0.87, 0.75, 0.67), "y up, handle towards +x", front="handle"
+        ),
     )
 }

@@ -1,4 +1,4 @@
-"""Model files: those that come with kfit, how models are read and written, and poses by them."""
+"""Model files: the bundled ones, reading and writing, and poses with them."""
 
 from kfit.models.files import read_card, read_checkpoint, read_model, write_model
 from kfit.models.find_poses import find_poses

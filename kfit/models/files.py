@@ -25,7 +25,7 @@ from kfit.runtime.atomic_write import atomic_write
 from kfit.runtime.class_paths import current_path
 from kfit.runtime.torch_file import LARGEST_WEIGHTS, read_torch
 
-# What a network must be by its name, whether kfit's or somebody's own.
+# Base class of each network, kfit's or the user's own.
 ROLES: dict[str, type[nn.Module]] = {
     "generator": Generator,
     "encoder": Encoder,
@@ -33,7 +33,7 @@ ROLES: dict[str, type[nn.Module]] = {
     "pose_head": PoseNetwork,
     "regressor": nn.Module,
 }
-# Of kfit's own those that a file may name: what they compute by is in them, and they open no other file.
+# kfit's classes that a file may name: they are self-contained, and open no other file.
 OWN = {
     "kfit.generators": [
         "RadianceField",
@@ -47,18 +47,28 @@ OWN = {
     ],
     "kfit.baselines": ["CoordinateRegressor", "OrientationRegressor"],
 }
-# What layers are made by, which are told the shape first.
+# Functions that allocate the parameters of layers.
 MAKERS = (torch.empty, torch.zeros, torch.ones, torch.rand, torch.randn, torch.full)
-# Numbers that the networks of even the smallest file may have: constants that it does not hold, and a margin.
+# Numbers that networks may have beyond the file's: constants that are not stored, and a margin.
 ROOM = 16_000_000
-# The card's name in the metadata. Files of version 0.1 lack it; their card is NAME.json in the same folder.
+# Key of the card in the metadata. Files of version 0.1 lack it; their card is NAME.json in the same folder.
 METADATA = "kfit_card"
-# Bytes; no more are read by safetensors either.
+# Bytes; the same limit as in safetensors.
 LARGEST_HEADER = 100_000_000
 
 
 def write_model(path: Path, networks: dict[str, nn.Module], card: Card) -> None:
-    """Write networks, in half precision, and their card as one file, which appears whole or not at all."""
+    """Write networks, in half precision, and their card atomically as one file.
+
+    Example:
+        >>> from pathlib import Path
+        >>> import kfit
+        >>> from kfit.models import write_model
+        >>> model = kfit.load("can")
+        >>> write_model(Path("copy.safetensors"), model.networks, model.card)
+        >>> kfit.load("copy.safetensors").card.category
+        'can'
+    """
     numbers = {
         f"{name}.{key}": (tensor.half() if tensor.is_floating_point() else tensor).contiguous()
         for name, network in networks.items()
@@ -73,10 +83,19 @@ def read_model(path: Path) -> tuple[dict[str, nn.Module], Card]:
 
     Raises:
         FileNotFoundError: if a file is missing.
-        ValueError: if one is damaged, or the weights do not fit the networks that the card names.
+        ValueError: if one is damaged, or the weights do not match the networks of the card.
+
+    Example:
+        >>> from kfit.models import read_model
+        >>> from kfit.models.load import BUNDLED
+        >>> networks, card = read_model(BUNDLED / "can.safetensors")
+        >>> sorted(networks)
+        ['encoder', 'extents', 'generator', 'pose_head']
     """
     _check_file(path)
-    content = path.read_bytes()  # once, so that weights and card are of one file even while it is replaced
+    content = (
+        path.read_bytes()
+    )  # read once, so that weights and card belong together even if the file is replaced meanwhile
     try:
         # `load_file` of safetensors 0.8.0 leaks 7 kB of Python's numbers each time that it reads such a file.
         numbers = load(content)
@@ -91,13 +110,15 @@ def read_model(path: Path) -> tuple[dict[str, nn.Module], Card]:
 def read_card(path: str | Path) -> Card:
     """Read a model's card without its weights.
 
-    >>> from kfit.models.load import BUNDLED
-    >>> read_card(BUNDLED / "mug.safetensors").symmetry
-    'none'
-
     Raises:
         FileNotFoundError: if there is no such file.
-        ValueError: if it holds no card that can be used.
+        ValueError: if it holds no valid card.
+
+    Example:
+        >>> from kfit.models import read_card
+        >>> from kfit.models.load import BUNDLED
+        >>> read_card(BUNDLED / "mug.safetensors").symmetry
+        'none'
     """
     path = Path(path)
     _check_file(path)
@@ -113,7 +134,7 @@ def _check_file(path: Path) -> None:
 
 
 def _card(file: BinaryIO, path: Path) -> Card:
-    """The card in a safetensors file's metadata; of a file without one, the JSON file next to it."""
+    """Return the card in a safetensors file's metadata or, for a file without one, of the JSON file next to it."""
     length = int.from_bytes(file.read(8), "little")
     try:
         if length > LARGEST_HEADER:
@@ -135,9 +156,9 @@ def _card(file: BinaryIO, path: Path) -> Card:
 
 
 def read_checkpoint(path: Path, names: Sequence[str] = NETWORKS) -> tuple[dict[str, nn.Module], dict[str, Any]]:
-    """Read networks and hyperparameters that a training of kfit's saved through ``lightning fit``.
+    """Read networks and hyperparameters from a checkpoint of ``lightning fit``.
 
-    Where the training averaged weights, they are the averages.
+    If the training averaged weights, the averages are read.
 
     Args:
         path: of the checkpoint.
@@ -146,7 +167,14 @@ def read_checkpoint(path: Path, names: Sequence[str] = NETWORKS) -> tuple[dict[s
 
     Raises:
         FileNotFoundError: if there is no such file.
-        ValueError: if it is no such checkpoint.
+        ValueError: if it is not such a checkpoint.
+
+    Example:
+        >>> from pathlib import Path
+        >>> from kfit.models import read_checkpoint
+        >>> networks, saved = read_checkpoint(Path("lightning_logs/version_0/checkpoints/last.ckpt"))
+        Traceback (most recent call last):
+        FileNotFoundError: no checkpoint at lightning_logs/version_0/checkpoints/last.ckpt
     """
     if not path.is_file():
         raise FileNotFoundError(f"no checkpoint at {path}")
@@ -162,11 +190,10 @@ def read_checkpoint(path: Path, names: Sequence[str] = NETWORKS) -> tuple[dict[s
 
 
 def _filled(said: Any, name: str, numbers: Mapping[Any, Any], path: Path) -> nn.Module:
-    """The network that a file names, with the file's numbers, in evaluation mode.
+    """Build the network that a file names, with the file's numbers, in evaluation mode.
 
-    Only those of kfit's classes are built that a file may name, and somebody's own in modules that the caller has
-    imported already, so that a file cannot have code imported or a function called. They are built no larger than the
-    file's numbers can fill.
+    Only the allowed classes of kfit, and the user's own in modules that are imported already, are built, so that a file
+    cannot import code or call functions. Networks larger than the file's numbers are refused.
     """
     if not (isinstance(said, dict) and isinstance(said.get("class_path"), str)):
         raise ValueError(f"{path} names no class for the {name}")
@@ -180,23 +207,23 @@ def _filled(said: Any, name: str, numbers: Mapping[Any, Any], path: Path) -> nn.
     if not all(isinstance(tensor, Tensor) for tensor in own.values()):
         raise ValueError(f"{path} holds something else than tensors for the {name}")
     try:
-        # What a constructor draws is replaced by the file's numbers; the caller's random numbers stay as they are.
+        # The constructor's random numbers are replaced by the file's; the caller's random state is not changed.
         with torch.random.fork_rng([]), _Limited(ROOM + 4 * sum(tensor.numel() for tensor in own.values())):
             network: nn.Module = kind(**said.get("init_args", {}))
-    except Exception as error:  # somebody's own class may raise anything
+    except Exception as error:  # the user's class may raise anything
         reason = " ".join(str(error).split()) or type(error).__name__
         raise ValueError(f"{path}: {named} cannot be built as its card says: {reason}") from error
     if not all(tensor.isfinite().all() for tensor in own.values()):
         raise ValueError(f"{path} holds numbers for the {name} that are not finite")
     try:
-        network.load_state_dict(own)  # halves become floats again
+        network.load_state_dict(own)  # converts half to single precision
     except RuntimeError:
         raise ValueError(f"{path} does not fit its card: the weights are not those of the {name} named there") from None
     return network.float().eval()  # whatever torch's default type is
 
 
 def _kind(class_path: str) -> Any:
-    """A class by its name, if it may be built; nothing is imported for it."""
+    """Return a class by its path if it may be built, without importing anything."""
     module, _, kind = class_path.rpartition(".")
     if module.split(".")[0] == "kfit":
         return getattr(importlib.import_module(module), kind) if kind in OWN.get(module, ()) else None
@@ -204,7 +231,7 @@ def _kind(class_path: str) -> Any:
 
 
 class _Limited(TorchFunctionMode):
-    """Refuses tensors before they are made, once they would hold more than ``most`` numbers in all."""
+    """Refuses tensors before they are allocated, if they would hold more than ``most`` numbers in total."""
 
     def __init__(self, most: int) -> None:
         super().__init__()

@@ -32,31 +32,33 @@ def find_poses(
 ) -> list[PoseResult]:
     """Find the poses of all bottles, bowls, cameras, cans, laptops and mugs in a photo.
 
-    Each answer tells its category and, as ``category_score``, how probable that category is by the object's look.
+    Each answer has its category and, as ``category_score``, the probability of that category by the object's
+    appearance.
 
     Args:
-        image: path of a photo, what `kfit.segmentation.read_photo` made of it, or (H, W, 3) RGB: uint8, or floating
+        image: path of a photo, the result of `kfit.segmentation.read_photo`, or (H, W, 3) RGB: uint8, or floating
             point in [0, 1].
-        category: look for this one alone; a model of your own looks for its category.
-        mask: (H, W), above one half of its full scale on the one object that is meant.
-        box: left, top, width, height in pixels around the one object that is meant.
+        category: limits the search to one category, or to that of your own model.
+        mask: (H, W), above one half of its full scale on one object.
+        box: left, top, width, height in pixels around one object.
         intrinsics: (3, 3) of the camera; by the file's EXIF tags, or a view of 60°, by default.
-        depth: (H, W) in metres along the camera's axis; what is not finite and above 0 is unknown.
+        depth: (H, W) in metres along the camera's axis; values that are not finite and above 0 are unknown.
         ignore: (H, W), above one half of its full scale where pixels do not count, because something hides an object.
-        segmenter: a network of yours for the masks, as an ONNX file or a `kfit.segmentation.Segmenter`.
-        seed: decides the random numbers.
+        segmenter: your own network for the masks, as an ONNX file or a `kfit.segmentation.Segmenter`.
+        seed: determines the random numbers.
 
     Returns:
-        One answer an object, those seen best first; none where nothing is found.
+        One answer for each object, by decreasing score; an empty list if no object is found.
 
     Raises:
-        FileNotFoundError, ValueError: for a photo, mask, box, intrinsics or depth that cannot be used, in one
-            sentence.
+        FileNotFoundError, ValueError: if a photo, mask, box, intrinsics or depth cannot be used, in one sentence.
 
-    >>> from skimage.data import coffee
-    >>> [cup] = find_poses(coffee())
-    >>> cup.category
-    'mug'
+    Example:
+        >>> import kfit
+        >>> from skimage.data import coffee
+        >>> [cup] = kfit.find_poses(coffee())
+        >>> cup.category
+        'mug'
     """
     if isinstance(image, Photo):
         photo = image
@@ -82,7 +84,7 @@ def pose_of(
     pipeline: Callable[[CategoryModel], FitPipeline] | None = None,
     ignore: NDArray[Any] | None = None,
 ) -> PoseResult:
-    """The pose of one object that was found; ``pipeline`` makes another fit than the model's own."""
+    """Return the pose of one object; ``pipeline`` builds another fit than the model's own."""
     fit = None if pipeline is None else pipeline(model)
     answer = model.pose(
         photo, intrinsics=intrinsics, depth=depth, ignore=ignore, segmenter=target, seed=seed, pipeline=fit

@@ -1,4 +1,4 @@
-"""Finding a model by its category or its path."""
+"""Loading a model by its category or its path."""
 
 from __future__ import annotations
 
@@ -17,7 +17,13 @@ BUNDLED = Path(__file__).parent / "bundled"
 
 
 def bundled() -> list[str]:
-    """Categories whose models come with kfit."""
+    """Return the categories whose models come with kfit.
+
+    Example:
+        >>> from kfit.models import bundled
+        >>> bundled()
+        ['bottle', 'bowl', 'camera', 'can', 'laptop', 'mug']
+    """
     return sorted(path.stem for path in BUNDLED.glob("*.safetensors"))
 
 
@@ -26,11 +32,17 @@ def bundled() -> list[str]:
 def load(model: str | Path) -> CategoryModel:
     """Load a bundled model by its category, or one of your own by the path of its .safetensors file.
 
-    Its networks compute in single precision, whatever torch's default type is. Torch's random numbers stay as they are.
+    Its networks compute in single precision, whatever torch's default type is. Torch's random state is not changed.
 
     Raises:
-        ValueError: for a category without a bundled model, or a damaged file.
+        ValueError: if the category has no bundled model, or a file is damaged.
         FileNotFoundError: if a file is missing.
+
+    Example:
+        >>> import kfit
+        >>> model = kfit.load("mug")
+        >>> model.card.mean_diagonal  # in metres
+        0.17
     """
     name = str(model)
     if not name.endswith(".safetensors"):

@@ -1,4 +1,4 @@
-"""From training checkpoints to a model file."""
+"""Packing training checkpoints to a model file."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def pack(
 
     Args:
         checkpoint: of `kfit.training.ConditionalVAE`, or with a category a released one; or a model's file, which
-            gets another pose head and loses what was measured with the old one.
+            gets another pose head and loses the measurements of the old one.
         out: path of the .safetensors file.
         pose_head: a checkpoint of `kfit.training.PoseTraining`, or a model's file, whose head is taken.
         pose_weight: of the pose head in a fit, at least 0.
@@ -38,7 +38,7 @@ def pack(
 
     Raises:
         FileNotFoundError: if a file is missing.
-        ValueError: for a file that is no such checkpoint, or a pose head of another category.
+        ValueError: if a file is not such a checkpoint, or the pose head has another category.
     """
     if checkpoint.suffix == ".safetensors":
         networks, card = read_model(checkpoint)
@@ -57,7 +57,7 @@ def pack(
 
 
 def _trained(path: Path, command: str | None) -> tuple[dict[str, nn.Module], Card]:
-    """Networks of a checkpoint of `lightning fit`, and a card of their training."""
+    """Return networks of a checkpoint of `lightning fit`, and a card of their training."""
     networks, saved = read_checkpoint(path)
     model, data = saved["hyper_parameters"], _told(saved)
     category = CATEGORIES[data["category"]]
@@ -83,7 +83,7 @@ def _trained(path: Path, command: str | None) -> tuple[dict[str, nn.Module], Car
 
 
 def _head(path: Path) -> tuple[nn.Module, dict[str, Any], str, Any]:
-    """The pose head of a checkpoint or of a model: network, its name in cards, category and training."""
+    """Return the pose head of a checkpoint or of a model: network, its entry in cards, category and training."""
     if path.suffix == ".safetensors":
         networks, card = read_model(path)
         if "pose_head" not in networks:

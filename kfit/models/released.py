@@ -14,31 +14,37 @@ from kfit.generators import VAE3D, ConvEncoder
 from kfit.geometry import azimuth_from_released
 from kfit.runtime.torch_file import read_torch
 
-# Their names of the layers, in the order of kfit's.
+# The released names of the layers, in the order of kfit's.
 LIFTS, DECODES = ("enc_1.0", "enc_2.0"), ("enc_3.0", "enc_4.0")
 CONVOLUTIONS, LINEARS = ("model.0", "model.2", "model.5", "model.8"), ("enc_out.0", "enc_out.2")
-# Voxels or pixels over which each of their normalisations goes.
+# Number of voxels or pixels of each of their normalisations.
 COUNTS = (4**3, 8**3, 16**3, 32**2, 64**2)
 
 
 def load_released(path: str | Path) -> tuple[VAE3D, ConvEncoder]:
     """Read a released ``model_latest.pth``: generator and encoder, in evaluation mode.
 
-    They compute what the released code does: pictures and codes to 1e-4. Pictures are in [0, 1], kfit's range, not in
-    [−1, 1]; the generator draws no mask, as theirs did not. `released_values` takes their numbers to kfit's variables.
+    Pictures and codes equal the released code's to 1e-4. Pictures are in [0, 1], kfit's range, not in [−1, 1]; the
+    generator draws no mask, like theirs. `released_values` converts their variables to kfit's.
 
-    The object stands in NOCS's axes, in the released code a quarter-turn about y away; see
+    The object has NOCS's axes; in the released code it is rotated by 90° about y, see
     `kfit.geometry.azimuth_from_released`.
 
-    What differs is taken up by the weights, once. The learned volume and the kernels that enlarge it are turned by that
-    quarter-turn. Their tanh is 2σ(2x) − 1, so the last layer is doubled. Their standard deviation is the unbiased one,
-    so the spreads shrink by √((n − 1)/n). Their grid turns the volume by Ry(azimuth) · Rx(elevation) with y down, which
-    is kfit's elevation once the volume's depth is reversed, and the other sense of azimuth. Their convolutions of
-    stride 1 are transposed ones. The spectral norm uᵀWv is divided out.
+    The weights are converted once. The learned volume and the kernels that enlarge it are rotated by those 90°. Their
+    tanh is 2σ(2x) − 1, so the last layer is doubled. Their standard deviation is the unbiased one, so the style's
+    deviations are multiplied by √((n − 1)/n). Their grid rotates the volume by Ry(azimuth) · Rx(elevation) with y down,
+    which is kfit's elevation with the volume's depth reversed, and the opposite azimuth. Their convolutions of stride 1
+    are transposed ones. The weights are divided by the spectral norm uᵀWv.
 
     Raises:
         FileNotFoundError: if there is no such file.
-        ValueError: if it is no such checkpoint.
+        ValueError: if it is not such a checkpoint.
+
+    Example:
+        >>> from kfit.models import load_released
+        >>> generator, encoder = load_released("model_latest.pth")
+        Traceback (most recent call last):
+        FileNotFoundError: no checkpoint at model_latest.pth
     """
     path = Path(path)
     if not path.is_file():
@@ -64,7 +70,7 @@ def load_released(path: str | Path) -> tuple[VAE3D, ConvEncoder]:
 
 
 def released_sizes(code_dim: int) -> dict[str, dict[str, Any]]:
-    """Arguments of `VAE3D` and `ConvEncoder`, by the networks' names, that make networks of the released sizes."""
+    """Return the arguments of `VAE3D` and `ConvEncoder` for the released sizes, by the networks' names."""
     generator = {"volume_dims": [512, 128, 64], "projection_dim": 1024, "decoder_dims": [256, 64]}
     return {
         "generator": {"code_dim": code_dim, **generator, "rectified": True, "mask": False},
@@ -83,10 +89,10 @@ def released_values(
 ) -> Variables:
     """Convert the released code's numbers to the variables of `kfit.generators.SimilarityWarp` around its generator.
 
-    `kfit.geometry.to_opencv` of the rotation by these angles is what the released eval.py reports: NOCS's. For the
-    azimuth see `kfit.geometry.azimuth_from_released`. The released shift is applied before the turn and the scaling,
-    along −x and y, and the released scale shrinks. The released warp leaves what comes from outside the picture white
-    at once, where kfit's blends over half a pixel.
+    `kfit.geometry.to_opencv` of the rotation by these angles is that of the released eval.py: NOCS's. For the azimuth
+    see `kfit.geometry.azimuth_from_released`. The released shift is applied before rotation and scaling, along −x and
+    y, and the released scale is the inverse of kfit's. At the border of the picture the released warp switches to white
+    where kfit's blends over half a pixel.
 
     Args:
         z: (N, D) code.
@@ -94,13 +100,20 @@ def released_values(
         angle: (N,) radians.
         tx, ty: (N,) in half-widths between the centres of the outer pixels, of pictures 64 wide.
         scale: (N,) above 0.
+
+    Example:
+        >>> import torch
+        >>> from kfit.models import released_values
+        >>> zero = torch.zeros(1)
+        >>> released_values(torch.zeros(1, 16), zero, zero, zero, zero, zero, torch.tensor([2.0]))["scale"]
+        tensor([0.5000])
     """
     check_shape("z", z, ("N", "D"))
     numbers = {"elevation_deg": elevation_deg, "azimuth_deg": azimuth_deg, "angle": angle, "tx": tx, "ty": ty}
     for name, value in (numbers | {"scale": scale}).items():
         check_shape(name, value, (z.shape[0],))
     cos, sin = angle.cos(), angle.sin()
-    # Their grid maps to the source, p ↦ scale · (R p + t) with y down; kfit's maps from it.
+    # Their grid maps to the source, p ↦ scale · (R p + t) with y down; kfit's is the inverse.
     shift = torch.stack([-(cos * tx + sin * ty), cos * ty - sin * tx], -1) * (63 / 64)
     return {
         "code": z,
@@ -134,7 +147,7 @@ def _generator(theirs: dict[str, Tensor]) -> dict[str, Tensor]:
 
 
 def _in_nocs_axes(volume: Tensor) -> Tensor:
-    """Reverse the depth of a volume or kernel (…, …, D, H, W) and turn it by a quarter-turn about y."""
+    """Reverse the depth of a volume or kernel (…, …, D, H, W) and rotate it by 90° about y."""
     return volume.flip(2).rot90(-1, (2, 4))
 
 

@@ -1,4 +1,4 @@
-"""A released checkpoint as a model: with the head and the card that the released code lacks."""
+"""A released checkpoint as a model, with the head and the card that the released code lacks."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ from kfit.geometry import CATEGORIES
 from kfit.models.released import load_released, released_sizes
 from kfit.pose.card import Card
 
-# Procedural objects whose mean sides stand for those of every object.
+# Number of procedural objects whose mean sides are used for every object.
 OBJECTS = 64
 
 
 def released_model(path: str | Path, category: str) -> tuple[dict[str, nn.Module], Card]:
     """Read a released ``model_latest.pth`` as networks and card, which `kfit.models.write_model` takes.
 
-    Poses are NOCS's, as `kfit.models.load_released` explains. The checkpoint holds neither sizes nor the training
-    camera. Extents are therefore the mean of procedural objects of the category, whatever the code, and the card
-    assumes that a unit diagonal spans the width of the training pictures, on which translation and size rest. It draws
-    neither mask nor depth, so a fit compares pictures alone.
+    Poses are NOCS's, see `kfit.models.load_released`. The checkpoint holds neither sizes nor the training camera.
+    Extents are therefore the mean of procedural objects of the category, for every code, and the card assumes that a
+    unit diagonal spans the width of the training pictures, which determines translation and size. It draws neither mask
+    nor depth, so a fit compares pictures alone.
 
     Args:
         path: of the checkpoint.
-        category: that it was trained on; the file does not name it.
+        category: of its training data, which the file does not name.
 
     Raises:
         FileNotFoundError: if there is no such file.
-        ValueError: if it is no such checkpoint, or the category is unknown.
+        ValueError: if it is not such a checkpoint, or the category is unknown.
     """
     if category not in CATEGORIES:
         raise ValueError(f"category must be one of {', '.join(CATEGORIES)}, got {category!r}")
@@ -66,9 +66,9 @@ def _mean_extents(category: str) -> Tensor:
 
 
 def _constant_extents(code_dim: int, sides: Tensor) -> ExtentsHead:
-    """A head that gives these sides (3,), scaled to a diagonal of 1, for every code."""
+    """Return a head with these sides (3,), scaled to a diagonal of 1, for every code."""
     head = ExtentsHead(code_dim)
     numbers = {name: torch.zeros_like(tensor) for name, tensor in head.state_dict().items()}
-    numbers["layers.2.bias"] = (sides / sides.norm() - 1e-3).expm1().log()  # the inverse of what follows the layer
+    numbers["layers.2.bias"] = (sides / sides.norm() - 1e-3).expm1().log()  # inverts the layer's output function
     head.load_state_dict(numbers)
     return head.eval()

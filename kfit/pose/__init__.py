@@ -1,4 +1,4 @@
-"""From a photo to an answer: inputs, the observed object, a category's model, its fit, and what the fit means."""
+"""From a photo to an answer: inputs, the observed object, a category's model, its fit and its interpretation."""
 
 from kfit.pose.card import Card
 from kfit.pose.category_model import CategoryModel

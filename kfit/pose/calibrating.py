@@ -1,4 +1,4 @@
-"""Fitting a calibration to held-out answers, and checking what its probabilities are worth."""
+"""Fitting a calibration to held-out answers, and measuring its reliability."""
 
 from __future__ import annotations
 
@@ -27,15 +27,14 @@ def calibrate(
     seed: int,
     distances: Sequence[float],
 ) -> Calibration:
-    """A calibration from N answers of held-out views, with what a cross-validation on them gives.
+    """Fit a calibration to N answers of held-out views, with the results of a cross-validation on them.
 
     Args:
-        told: what `kfit.pose.confidence.evidence` tells of each.
-        right: whether each is.
+        told: result of `kfit.pose.confidence.evidence` for each.
+        right: whether each is right.
         energy: of each.
-        fits: how they were fitted, as `kfit.pose.confidence.how_fitted` tells.
+        fits: how they were fitted, as returned by `kfit.pose.confidence.how_fitted`.
         seed: of the views.
-        distances: squared Mahalanobis distances of the right answers' truths.
     """
     found = {"seed": seed, "right answers": len(distances), **reliability(cross_validated(told, right), right)}
     energy_99, factor = float(np.quantile(energy, 0.99)), covariance_factor(distances)
@@ -58,19 +57,19 @@ def covariance_factor(distances: Sequence[float]) -> float:
 
 
 def calibrated(told: Sequence[dict[str, float]], right: Sequence[bool]) -> tuple[float, dict[str, float]]:
-    """Bias and coefficients of a logistic model of N answers, in the penalised maximum of their likelihood.
+    """Fit bias and coefficients of a logistic model of N answers by penalised maximum likelihood.
 
-    The penalty is ½ Σ_k (c_k s_k)², s the standard deviations, and no c_k is below 0: what speaks for an answer must
-    not come to speak against it by chance. Right answers count as (N₊ + 1) / (N₊ + 2), wrong ones as 1 / (N₋ + 2), so
-    that a few views without a failure promise no certainty (Platt, Probabilistic outputs for support vector machines,
-    1999).
+    The penalty is ½ Σ_k (c_k s_k)², s the standard deviations, and no c_k is below 0, so that chance does not turn
+    evidence for an answer into evidence against it. Right answers have the target (N₊ + 1) / (N₊ + 2), wrong ones
+    1 / (N₋ + 2), so that a few views without a failure do not give certainty (Platt, Probabilistic outputs for support
+    vector machines, 1999).
 
     Args:
-        told: what `evidence` tells of each, all of the same names.
+        told: result of `evidence` for each, all with the same names.
         right: whether each is right.
 
     Raises:
-        ValueError: for no answers, or numbers that differ.
+        ValueError: if there are no answers, or the lengths differ.
     """
     if not told or len(told) != len(right):
         raise ValueError(f"told and right must be of one length above 0, got {len(told)} and {len(right)}")
@@ -94,7 +93,7 @@ def calibrated(told: Sequence[dict[str, float]], right: Sequence[bool]) -> tuple
 
 
 def cross_validated(told: Sequence[dict[str, float]], right: Sequence[bool]) -> list[float]:
-    """Probabilities that N ≥ 2 answers are right, each by a model of the answers of the 9 other folds."""
+    """Return probabilities that N ≥ 2 answers are right, each by a model of the answers of the other folds."""
     said = [0.0] * len(told)
     for first in range(min(FOLDS, len(told))):
         rest = [k for k in range(len(told)) if k % FOLDS != first]
@@ -105,13 +104,13 @@ def cross_validated(told: Sequence[dict[str, float]], right: Sequence[bool]) -> 
 
 
 def reliability(said: Sequence[float], right: Sequence[bool]) -> dict[str, Any]:
-    """How well N probabilities say what is right.
+    """Measure how well N probabilities predict which answers are right.
 
     Returns:
-        ``right``: the share that is; ``brier``: mean (p − right)², and ``brier of the share``: the same of the share
-        said of all; ``calibration error``: Σ_b N_b / N · |mean p − share right| over bins b (Guo et al., On
-        calibration of modern neural networks, 2017); ``bins``: of each that is not empty ``from``, ``to``, ``number``,
-        ``said`` and ``right``.
+        ``right``: fraction of right answers; ``brier``: mean (p − right)², and ``brier of the share``: the same if p
+        were this fraction for all; ``calibration error``: Σ_b N_b / N · |mean p − fraction right| over bins b (Guo et
+        al., On calibration of modern neural networks, 2017); ``bins``: ``from``, ``to``, ``number``, ``said`` (mean p)
+        and ``right`` of each bin that is not empty.
     """
     p, yes = np.asarray(said, float), np.asarray(right, float)
     place = np.clip(np.searchsorted(BINS, p, side="right") - 1, 0, len(BINS) - 2)

@@ -1,4 +1,4 @@
-"""What a model file holds about its networks: the model card."""
+"""The model card of a model file."""
 
 from __future__ import annotations
 
@@ -12,33 +12,39 @@ from kfit.geometry import CATEGORIES, Category
 from kfit.pose.confidence import Calibration
 
 FORMAT = 1
-# Of fits that a calibration may be of: to colour alone, and to depth too.
+# Kinds of fits with a calibration: to colour alone, and to colour and depth.
 KINDS = ("RGB", "RGB-D")
 NETWORKS = ("generator", "encoder", "extents")
 OPTIONAL = ("pose_head",)
-# Characters; the bundled ones have some thousands.
+# Characters; bundled cards have some thousands.
 LARGEST = 10_000_000
 
 
 @dataclass
 class Card:
-    """What is known about a model, stored as JSON in the metadata of its file.
+    """Description of a model, stored as JSON in the metadata of its file.
 
     Attributes:
         category: one of the NOCS categories.
-        networks: class and arguments of ``generator``, ``encoder`` and ``extents``, as recipes write them.
+        networks: class and arguments of ``generator``, ``encoder`` and ``extents``, as in recipes.
         distance: of the training camera from the object's centre, in box diagonals.
-        unit_fraction: share of the picture's width that a unit diagonal at the object's centre spans, at scale 1.
-        elevation_deg: range of elevations seen in training.
-        axes: how the object stands in its frame, in words.
+        unit_fraction: fraction of the picture's width that a unit diagonal at the object's centre spans, at scale 1.
+        elevation_deg: range of elevations in training.
+        axes: orientation of the object in its frame, in words.
         symmetry: ``"none"`` or ``"y"``.
-        mean_diagonal: in metres; what translation and size from colour alone rest on.
-        pose_weight: of what the pose head says, beside the energies of the picture.
+        mean_diagonal: in metres; it determines translation and size from colour alone.
+        pose_weight: weight of the pose head's prior relative to the energies of the picture.
         training: command, data, number of pairs, seed, versions.
-        accuracy: measured figures, by the name of what they were measured on.
-        calibration: what confidence rests on, for fits of ``"RGB"`` and of ``"RGB-D"``, as far as `kfit calibrate`
-            measured them.
+        accuracy: measured figures, by the name of the test set.
+        calibration: of the confidence, for fits of ``"RGB"`` and of ``"RGB-D"``, if `kfit calibrate` measured it.
         format: version of this layout.
+
+    Example:
+        >>> from kfit.models import read_card
+        >>> from kfit.models.load import BUNDLED
+        >>> card = read_card(BUNDLED / "mug.safetensors")
+        >>> card.category, card.symmetry, sorted(card.networks)
+        ('mug', 'none', ['encoder', 'extents', 'generator', 'pose_head'])
     """
 
     category: str
@@ -75,7 +81,7 @@ class Card:
         return CATEGORIES[self.category]
 
     def to_json(self) -> str:
-        """The card as text, which `of_json` reads."""
+        """Return the card as text, which `of_json` reads."""
         return json.dumps(asdict(self), indent=2)
 
     @staticmethod
@@ -84,7 +90,7 @@ class Card:
 
         Args:
             text: JSON.
-            path: of the file that holds it, for messages.
+            path: of its file, for messages.
 
         Raises:
             ValueError: if it is not a card of this version.
@@ -97,7 +103,7 @@ class Card:
             raise ValueError(f"{path} holds no model card: {error}") from None
         names = {f.name for f in fields(Card)}
         if isinstance(said, dict):
-            said = {"calibration": {}, **said}  # cards from before there were any
+            said = {"calibration": {}, **said}  # older cards have none
         if not isinstance(said, dict) or set(said) != names or said["format"] != FORMAT:
             raise ValueError(
                 f"{path} holds no model card of format {FORMAT}: it must have just {', '.join(sorted(names))}"
@@ -117,4 +123,4 @@ class Card:
 
 
 def _anything(name: str, value: object) -> None:
-    """Checks nothing."""
+    """Accept anything."""

@@ -1,4 +1,4 @@
-"""A trained model of one category, and the way from a photo to a pose."""
+"""A trained model of one category, which finds poses in photos."""
 
 from __future__ import annotations
 
@@ -30,14 +30,23 @@ from kfit.segmentation import Segmenter
 
 
 class CategoryModel:
-    """A generator of one category with its encoder, ready to explain photos.
+    """The networks of one category, and the fit that explains photos with them.
 
     Args:
         generator: of ``code``, ``azimuth`` and ``elevation``.
         encoder: picture → Gaussian over the code.
         extents: code → the object's normalised sides.
-        card: what is known about them.
-        pose_head: picture → distribution over poses; None where the model has none.
+        card: description of the networks.
+        pose_head: picture → distribution over poses; None if the model has none.
+
+    Example:
+        >>> import numpy as np, kfit
+        >>> image, mask = np.ones((96, 96, 3)), np.zeros((96, 96))
+        >>> image[20:80, 30:70], mask[20:80, 30:70] = (0.7, 0.2, 0.1), 1
+        >>> model = kfit.load("mug")
+        >>> short = model.pipeline(num_starts=1, num_steps=1)  # for this example
+        >>> model.pose(image, mask=mask, pipeline=short).rotation.shape
+        (3, 3)
     """
 
     def __init__(
@@ -53,11 +62,11 @@ class CategoryModel:
 
     @property
     def device(self) -> torch.device:
-        """Where its networks compute."""
+        """Device of its networks."""
         return next(self.encoder.parameters()).device
 
     def to(self, device: str | torch.device) -> CategoryModel:
-        """Move its networks to a device, where its fits run from then on; returns itself."""
+        """Move its networks to a device, on which its fits then run; returns itself."""
         for network in self.networks.values():
             network.to(device)
         return self
@@ -78,25 +87,25 @@ class CategoryModel:
         views: float | None = None,
         energies: Mapping[str, tuple[Energy, float]] | None = None,
     ) -> FitPipeline:
-        """The fit that `pose` runs: the paper's, with an energy that works offline.
+        """Build the fit that `pose` runs: the paper's, with an energy that needs no download.
 
-        Poses at the peaks of the pose head's distribution, without a head on an even grid over the sphere's valid part,
-        and codes from the encoder's posterior: four times as many as are started, sixteen times without a head, each
-        drawn once to choose the best. Of 40 unseen mugs, laptops and cans each, more starts and steps found no better
-        poses. Adam at the released rates, which fall from step to step; E = features of EfficientNet-Lite0 + 2 · SSIM
-        + 5 · silhouette + 0.02 · code prior + the card's pose weight · what the pose head says, and where there is
-        depth ½ · Geman and McClure's kernel of its difference over 0.05 mean box diagonals.
-        ``kfit bench energies`` compares others with the first three. A generator that draws no mask is fitted without
-        the silhouette.
+        Poses start at the peaks of the pose head's distribution, or without a head on an even grid over the valid part
+        of the sphere, and codes are drawn from the encoder's posterior: 4 × as many candidates as starts, 16 × without
+        a head, each drawn once to choose the best. More starts and steps found no better poses of 40 unseen mugs,
+        laptops and cans each. The optimizer is Adam with the released rates, which decay. E = features of
+        EfficientNet-Lite0 + 2 · SSIM + 5 · silhouette + 0.02 · code prior + the card's pose weight · prior of the pose
+        head and, with depth, 0.5 · Geman and McClure's kernel of the depth difference over 0.05 mean box diagonals.
+        ``kfit bench energies`` compares alternatives to the first three. A generator that draws no mask is fitted
+        without the silhouette.
 
         Args:
             num_starts, num_steps: as in `kfit.FitPipeline`.
-            callbacks: pruning to half the starts at step 3 unless given.
-            depth: the observation has depth, which fixes the distance; the generator must draw depth.
-            lens_known: drawings have the perspective of the observation's intrinsics; else their focal length is where
-                the fit starts, and `kfit.energies.LensPrior` has a word in how far it goes.
-            views: the observation has several views of each object, whose cameras fix distance and size: the box
-                diagonal in metres at which fits start.
+            callbacks: by default pruning to half of the starts at step 3.
+            depth: whether the observation has depth, which determines the distance; the generator must draw depth.
+            lens_known: whether the observation's intrinsics are known. If not, their focal length is the start of a
+                fitted one, with the prior `kfit.energies.LensPrior`.
+            views: box diagonal in metres at which fits to several views of each object start, whose cameras determine
+                distance and size; None for one view.
             energies: of drawing and photo, by name and with their weights, instead of the first three.
         """
         return default_fit(
@@ -115,7 +124,7 @@ class CategoryModel:
         ).to(self.device)
 
     def _default_energies(self) -> dict[str, tuple[Energy, float]]:
-        """The default energies, without those of fields that the generator does not draw."""
+        """Return the default energies of the fields that the generator draws."""
         return {name: given for name, given in default_energies().items() if given[0].on in self.drawn}
 
     @cached_property
@@ -143,38 +152,37 @@ class CategoryModel:
         seed: int = 0,
         pipeline: FitPipeline | None = None,
     ) -> PoseResult:
-        """Find the object's pose, size and look in a photo.
+        """Find the object's pose, size and appearance in a photo.
 
-        The mask is the one given, else the segmenter's, else GrabCut's in ``box``, else the file's alpha channel, else
-        GrabCut's in the whole picture. Intrinsics are those given, else by the file's EXIF tags; else the focal length
-        is fitted too, though most of what is known of it is how long lenses are and how near people stand. Distance and
-        size in metres rest on ``depth`` or, without it, on the category's mean size.
+        The mask is ``mask``, else the segmenter's, else GrabCut's in ``box``, else the file's alpha channel, else
+        GrabCut's in the whole picture. The intrinsics are ``intrinsics``, else those of the file's EXIF tags; else the
+        focal length is fitted too, mostly by its prior over lenses and distances. Distance and size in metres follow
+        from ``depth`` or, without it, from the category's mean size.
 
         Args:
-            image: path of a photo, what `kfit.segmentation.read_photo` made of it, or (H, W, 3)
-                RGB: uint8, or floating point in [0, 1]. A list of V such: photos of one object by cameras whose poses
-                to one another are known; ``mask`` and ``box`` are then lists too, ``intrinsics`` and ``segmenter`` may
-                be, and the answer is in the first camera. Their lenses must be known.
+            image: path of a photo, the result of `kfit.segmentation.read_photo`, or (H, W, 3)
+                RGB: uint8, or floating point in [0, 1]. A list of V of these is V photos of one object by cameras with
+                known lenses and relative poses; ``mask`` and ``box`` are then lists too, ``intrinsics`` and
+                ``segmenter`` may be, and the answer is in the first camera.
             mask: (H, W), above one half of its full scale (1, 255 or 65535) on the object.
             box: left, top, width, height in pixels.
             intrinsics: (3, 3).
-            depth: (H, W) in metres along the camera's axis; what is not finite and above 0 is unknown.
+            depth: (H, W) in metres along the camera's axis; values that are not finite and above 0 are unknown.
             ignore: (H, W), above one half of its full scale where pixels do not count, because something else hides
-                the object there, or may; the object may continue behind it.
-            relative_poses: (V, 4, 4), take points in the first camera to each of V cameras (OpenCV axes, metres); the
-                first is the identity. They fix distance and size.
-            segmenter: finds the object in ``box``, or without one the surest of this category: an ONNX file that
-                `kfit.segmentation.load_segmenter` reads, or any `kfit.segmentation.Segmenter`, such as detections.
-            seed: decides the random numbers.
+                the object there. The object may continue behind it.
+            relative_poses: (V, 4, 4), map points in the first camera to each of V cameras (OpenCV axes, metres); the
+                first is the identity. They determine distance and size.
+            segmenter: finds the object in ``box``, or without one the object of this category with the highest score:
+                an ONNX file that `kfit.segmentation.load_segmenter` reads, or any `kfit.segmentation.Segmenter`.
+            seed: determines the random numbers.
             pipeline: another fit than that of `pipeline`; its generator needs the same variables.
 
         Raises:
-            FileNotFoundError, ValueError: for a photo, mask, box, intrinsics or depth that cannot be used, in one
-                sentence.
+            FileNotFoundError, ValueError: if a photo, mask, box, intrinsics or depth cannot be used, in one sentence.
         """
         if are_several(image):
             if depth is not None:
-                raise ValueError("depth and several photos were both given; a fit of several photos is of colour alone")
+                raise ValueError("depth and several photos were both given; several photos are fitted to colour alone")
             if ignore is not None:
                 raise ValueError("ignore and several photos were both given; it is of one photo")
             seen, observation = observed_views(
@@ -184,7 +192,7 @@ class CategoryModel:
             fit = pipeline or self.pipeline(views=start)
         else:
             if relative_poses is not None:
-                raise ValueError("relative_poses were given for one photo; they belong to a list of photos")
+                raise ValueError("relative_poses need a list of photos, got one photo")
             photo: Any = image
             one: tuple[Any, Any] = (mask, box)
             finds: Any = segmenter
@@ -200,7 +208,7 @@ class CategoryModel:
 
     @safe_after_fork()
     def draw(self, values: Variables) -> Rendering:
-        """What N values of a fit look like, on the CPU and without a gradient."""
+        """Draw N values of a fit, on the CPU and without a gradient."""
         warped = SimilarityWarp(self.generator)
         with torch.no_grad():
             there = [name for name in warped.variables if name in values]
@@ -209,7 +217,7 @@ class CategoryModel:
         return on_cpu
 
     def pose_log_probabilities(self, image: Tensor) -> Tensor | None:
-        """Log-probabilities (N, B) of poses, by the looks of pictures (N, 3, S, S), where there is a pose head."""
+        """Return log-probabilities (N, B) of poses for pictures (N, 3, S, S), or None without a pose head."""
         if self.pose_head is None:
             return None
         with torch.no_grad():
@@ -217,7 +225,7 @@ class CategoryModel:
         return said.cpu()
 
     def answer(self, fit: FitResult, seen: ObservedObject) -> PoseResult:
-        """What a fit of one problem says of the object that was seen."""
+        """Return the answer of a fit of one problem."""
         (answer,) = self.answers(fit, [seen])
         if answer is None:
             raise FitError("every start of the fit became NaN or infinite")
@@ -225,7 +233,7 @@ class CategoryModel:
 
     @safe_after_fork()
     def answers(self, fit: FitResult, seen: Sequence[ObservedObject]) -> list[PoseResult | None]:
-        """What a fit says of the objects that were seen, one problem each; None where every start failed."""
+        """Return the answers of a fit, one for each problem; None if all its starts failed."""
         with torch.no_grad():
             extents = self.extents(fit.values["code"].to(self.device)).double().cpu()
         drawn = self.draw(fit.values).image.movedim(1, -1)
@@ -241,7 +249,7 @@ class CategoryModel:
         self, fit: FitResult, seen: ObservedObject, extents: Tensor, drawing: Tensor, log_probabilities: Tensor | None
     ) -> PoseResult:
         rotation, translation, diagonal = placement(fit.values, seen.crop, seen.intrinsics, self.card)
-        # From the crop's virtual camera to the photo's: the same turn for every start, up to their shifts.
+        # From the crop's virtual camera to the photo's: the same rotation for every start, up to their shifts.
         turn = rotation[0] @ to_opencv(fitted_rotations(fit.values))[0].mT
         hypotheses = hypotheses_of(fit, turn, self.card, self.pose_head, log_probabilities)
         placed = (rotation[0], translation[0], extents * diagonal)

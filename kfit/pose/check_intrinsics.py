@@ -1,4 +1,4 @@
-"""Whether intrinsics can be those of the camera that took a photo."""
+"""Plausibility of intrinsics for a photo."""
 
 from __future__ import annotations
 
@@ -6,31 +6,31 @@ import math
 
 from torch import Tensor
 
-# Focal lengths over the photo's longer side: half of that sees 157° or more along it, more than any lens that draws
-# straight lines as straight (the widest see some 130°), the other is the length of a telescope (0.06°).
+# Focal lengths over the photo's longer side: the least is a field of view of 157°, more than that of any rectilinear
+# lens (the widest have some 130°), the largest is that of a telescope (0.06°).
 LEAST_FOCAL, MOST_FOCAL = 0.1, 1000.0
-# Ratio of the focal lengths: the pixels of anamorphic video reach 2, and a fit, which scales both alike, follows 1.05.
+# Ratio of the focal lengths: anamorphic video reaches 2; a fit, which scales both alike, tolerates 1.05.
 MOST_ASPECT, SQUARE = 2.0, 1.05
 # Even a crop from a photo's corner lies within this angle of the optical axis.
 MOST_OFF_AXIS_DEG = 75.0
-# Shares of the photo's sides: how far a principal point lies from the middle where nothing was cropped, and how nearly
-# two agree.
+# Fractions of the photo's sides: largest distance of a principal point from the middle without cropping, and tolerance
+# of equality.
 OFF_CENTRE, ALIKE = 0.15, 0.03
 
 
 def check_intrinsics(intrinsics: Tensor, width: int, height: int, notes: list[str], doubts: list[str]) -> None:
-    """Refuse intrinsics that cannot be those of a photo, and tell where they seem to be another photo's.
+    """Refuse intrinsics that cannot belong to a photo, and report those that seem to belong to another photo.
 
     Args:
         intrinsics: (3, 3), finite, with positive focal lengths.
         width, height: of the photo in pixels.
-        notes: gets a sentence where pixels are not square, and where the principal point is far from the middle, as
-            it is in cropped photos.
-        doubts: gets one where the principal point is the middle of a picture of another size.
+        notes: gets a sentence if pixels are not square, or the principal point is far from the middle, as in cropped
+            photos.
+        doubts: gets a sentence if the principal point is the middle of a picture of another size.
 
     Raises:
-        ValueError: for focal lengths outside [0.1, 1000] longer sides or of which one is more than twice the other, and
-            for a principal point from which the photo's middle is more than 75° off the optical axis.
+        ValueError: if a focal length is outside [0.1, 1000] longer sides, one is more than twice the other, or the
+            photo's middle is more than 75° off the optical axis.
     """
     fx, fy, x, y = (float(intrinsics[place]) for place in ((0, 0), (1, 1), (0, 2), (1, 2)))
     least, most = LEAST_FOCAL * max(width, height), MOST_FOCAL * max(width, height)
@@ -54,7 +54,7 @@ def check_intrinsics(intrinsics: Tensor, width: int, height: int, notes: list[st
             f"the focal lengths differ ({fx:g} and {fy:g} pixels): a fit takes pixels for square, and shape and pose "
             "are off where they are not"
         )
-    # The middle of a picture k times as large is k times as far from the corner of its first pixel.
+    # The middle of a picture k × as large is k × as far from the corner of its first pixel.
     across, along = (2 * x + 1) / width, (2 * y + 1) / height
     times = (across + along) / 2
     if max(abs(right) / width, abs(down) / height) <= OFF_CENTRE:

@@ -1,4 +1,4 @@
-"""How sure an answer is: from what a fit shows to the probability that its rotation is right."""
+"""Confidence of an answer: the probability that its rotation is right."""
 
 from __future__ import annotations
 
@@ -13,12 +13,15 @@ from kfit.core import FitResult
 from kfit.core.check import check_names
 from kfit.pose.result import Alternative
 
-# What probabilities of 0 and 1 are taken for, so that their logits are finite.
+# Probabilities are clipped to [LEAST, 1 − LEAST], so that their logits are finite.
 LEAST = 0.01
-# The most confidence in answers to pictures unlike those of the calibration.
+# Upper bound of the confidence for pictures unlike those of the calibration.
 DOUBTFUL = 0.5
-# Of the prior on an unknown lens in a fit's energy. It says nothing of the pose, so neither ranks nor calibrates.
+# Weight of the prior on an unknown lens in the energy. It is independent of the pose: not used for ranking or
+# calibration.
 LENS_WEIGHT = 0.05
+# How the sentence on a confidence begins that is no probability.
+UNCALIBRATED = "confidence not calibrated"
 # Factor of covariances where a card has none.
 UNMEASURED = 1.0
 EVIDENCE = ("weight", "energy", "agreement", "looks")
@@ -26,17 +29,15 @@ EVIDENCE = ("weight", "energy", "agreement", "looks")
 
 @dataclass(frozen=True)
 class Calibration:
-    """A logistic model of whether an answer is right, p = σ(bias + Σ_k c_k · evidence_k), and where it holds.
+    """Logistic model of whether an answer is right, p = σ(bias + Σ_k c_k · evidence_k), and its domain.
 
     Attributes:
         bias: of the logit.
-        coefficients: c_k ≥ 0 by name of what `evidence` tells.
+        coefficients: c_k ≥ 0 by the names that `evidence` returns.
         energy_99: 99 % of the held-out views' winners have a lower energy.
-        fits: how those views were fitted, as `how_fitted` tells.
-        views: number of them.
-        measured: their seed, and what a cross-validation on them gave.
-        covariance_factor: by which `kfit.pose.covariance.pose_covariance` multiplies, so that the 95 % ellipsoids held
-            95 % of the right answers.
+        fits: how those views were fitted, as returned by `how_fitted`.
+        views: number of views.
+        measured: their seed, and the results of a cross-validation.
     """
 
     bias: float
@@ -49,10 +50,10 @@ class Calibration:
 
     @staticmethod
     def of(said: Any) -> Calibration:
-        """A calibration from what a card says of it.
+        """Read a calibration from a card.
 
         Raises:
-            ValueError: if something is missing, unknown or not finite.
+            ValueError: if an entry is missing, unknown or not finite.
         """
         names = {f.name for f in fields(Calibration)}
         if isinstance(said, dict):
@@ -78,21 +79,20 @@ class Calibration:
         if not fine:
             raise ValueError(
                 "a calibration's bias, coefficients, energy_99, views, covariance_factor (above 0) and the weights in "
-                "fits must be finite numbers below 1e9, and fits must tell starts, steps, left and weights"
+                "fits must be finite numbers below 1e9, and fits must hold starts, steps, left and weights"
             )
         return found
 
     def probability(self, told: dict[str, float]) -> float:
-        """Probability in [0, 1] that a rotation is within 20° of the truth, by what `evidence` tells of its fit."""
+        """Return the probability in [0, 1] that a rotation is within 20° of the truth, by the `evidence` of its fit."""
         logit = self.bias + sum(c * told[name] for name, c in self.coefficients.items())
         return float(torch.tensor(logit, dtype=torch.float64).sigmoid())
 
     def covers(self, fit: FitResult) -> bool:
-        """Whether a fit was made as those of the calibration were: starts, steps, survivors, terms and weights.
+        """Return whether a fit was made like those of the calibration: starts, steps, survivors, terms and weights.
 
-        A fit of a photo whose lens is unknown was, too: what its prior adds is left out.
-
-        The weights are tried on the fit's last step, whose energies must be E = Σ_k w_k · e_k by them.
+        The prior of an unknown lens is ignored. Weights are tested on the fit's last step, whose energies must be
+        E = Σ_k w_k · e_k.
         """
         weights, terms = self.fits["weights"], dict(fit.history.terms)
         lens = terms.pop("lens", torch.zeros(1))
@@ -111,11 +111,11 @@ def confidence(
     seen: float | None,
     by_looks: Calibration | None = None,
 ) -> tuple[float, str | None]:
-    """An answer's confidence in [0, 1], and a sentence where it is not calibrated or the energy is unusually high.
+    """Return an answer's confidence in [0, 1], and a sentence if it is not calibrated or the energy is unusually high.
 
-    Where there is no calibration, or the fit was made in another way, it is the answer's share of the starts' weight;
-    where the energy is higher than 99 % of the held-out views', it is a half at most, and so it is where there is no
-    calibration of fits with depth but one without it, by whose terms the energy is as high.
+    Without a calibration, or for a fit made in another way, it is the answer's fraction of the starts' weight. If the
+    energy is above that of 99 % of the held-out views, it is at most 0.5; the same holds for a fit with depth without
+    its own calibration, whose other terms are that high by the calibration of fits without depth.
 
     Args:
         calibration: of the model.
@@ -128,7 +128,7 @@ def confidence(
     if calibration is None:
         said, warning = (
             found[0].weight,
-            f"confidence not calibrated, as the model's card tells nothing of such fits: {share}",
+            f"{UNCALIBRATED}, as the model's card tells nothing of such fits: {share}",
         )
         if by_looks is not None and _looks_energy(fit, found[0].energy, by_looks) > by_looks.energy_99:
             said = min(said, DOUBTFUL)
@@ -138,7 +138,7 @@ def confidence(
         return said, warning
     told, energy = evidence(found, seen), found[0].energy
     if not calibration.covers(fit) or not set(calibration.coefficients) <= set(told):
-        return found[0].weight, f"confidence not calibrated for a fit in another way than the model's own: {share}"
+        return found[0].weight, f"{UNCALIBRATED} for a fit in another way than the model's own: {share}"
     said = calibration.probability(told)
     if energy > calibration.energy_99:
         return min(said, DOUBTFUL), (
@@ -150,7 +150,7 @@ def confidence(
 
 
 def _looks_energy(fit: FitResult, energy: float, known: Calibration) -> float:
-    """Weighted sum of the terms that a calibration knows, where the winner had ``energy``; 0 if the fit lacks one."""
+    """Return the weighted sum of the terms of a calibration at the winner's ``energy``; 0 if the fit lacks a term."""
     history, weights, start = fit.history, known.fits["weights"], int(fit.start[0])
     if not set(weights) <= set(history.terms):
         return 0.0
@@ -159,7 +159,7 @@ def _looks_energy(fit: FitResult, energy: float, known: Calibration) -> float:
 
 
 def how_fitted(fit: FitResult, weights: dict[str, float]) -> dict[str, Any]:
-    """Number of starts, steps and starts left in the end of a fit, beside the weights of its terms."""
+    """Return the numbers of starts, steps and final starts of a fit, with the weights of its terms."""
     energy = fit.history.energy
     left = int(energy[-1].isfinite().sum(-1).max()) if energy.dim() == 3 and len(energy) else 0
     starts, steps = (energy.shape[2], len(energy) - 1) if energy.dim() == 3 else (0, 0)

@@ -1,4 +1,4 @@
-"""How uncertain the pose of one object is, as a 6 × 6 covariance."""
+"""The uncertainty of the pose of one object, as a 6 × 6 covariance."""
 
 from __future__ import annotations
 
@@ -20,12 +20,11 @@ from kfit.pose.interpretation import FOCAL_LOG_SD
 from kfit.pose.observed_object import ObservedObject
 from kfit.pose.placement import placement
 
-# Differences: turns about the object's x, y and z axes in radians (unlike azimuth, elevation and roll, they are
-# distinct from straight above too), shift right and up in half-widths, and the logarithm of scale. Each moves the
+# Differences: rotations about the object's x, y and z axes in radians (unlike azimuth, elevation and roll, they are
+# independent in views from above too), shift right and up in half-widths, and the logarithm of scale. Each moves the
 # outline of an object in a picture of 64 × 64 by about half a pixel.
 STEPS = (0.03, 0.03, 0.03, 0.02, 0.02, 0.02)
-# Standard deviations of the same before anything is seen: angles even over the circle, which bounds what no pixel
-# shows.
+# Prior standard deviations of the same: angles uniform over the circle, which bounds unobservable directions.
 ANGLE_SD = math.pi / 3**0.5
 PRIOR_SD = (ANGLE_SD, ANGLE_SD, ANGLE_SD, 0.5, 0.5, 0.5)
 # The linear theory is too small by this factor, because neighbouring pixels err together and the code is not exact.
@@ -33,15 +32,15 @@ PRIOR_SD = (ANGLE_SD, ANGLE_SD, ANGLE_SD, 0.5, 0.5, 0.5)
 # table views each of unseen mugs and bottles (seed 7; mugs 32 of 35, bottles 34 of 35), and 70 of all 80.
 # On as many others (seed 8) it holds 65 of 77 (mugs 28 of 40, bottles 37 of 37): of mugs it is still too small.
 INFLATION = 1500.0
-# Standard deviation of the logarithm of a distance that depth or several cameras give. Of rendered mugs, with exact
-# depth and cameras, it was 0.006 (12 table views) and 0.003 (8 pairs of views); what real cameras add is assumed.
+# Standard deviation of the logarithm of a distance from depth or several cameras. For rendered mugs, with exact depth
+# and cameras, it was 0.006 (12 table views) and 0.003 (8 pairs of views); the error of real cameras is assumed.
 DISTANCE_LOG_SD = 0.02
 
 
 def pose_covariance(
     fit: FitResult, seen: ObservedObject, card: Card, draw: Callable[[Variables], Rendering]
 ) -> NDArray[np.float64]:
-    """Covariance (6, 6) of the answer of one problem's fit; `kfit.pose.PoseResult.covariance` has the convention.
+    """Compute the covariance (6, 6) of the answer of one problem's fit, as in `kfit.pose.PoseResult.covariance`.
 
     C = c · (G (JᵀJ / (k σ²) + Λ)⁻¹ Gᵀ + Σ_s w_s δ_s δ_sᵀ + s_f² g gᵀ + s_D² d dᵀ)
 
@@ -110,7 +109,7 @@ def rotation_offset(turned: Tensor, rotation: Tensor, symmetry: Symmetry) -> Ten
 
 
 def size_log_sd(values: Variables, card: Card) -> float:
-    """Standard deviation of the logarithm of what distance rests on.
+    """Return the standard deviation of the logarithm of the distance that is not determined by the picture.
 
     Where that is the category's mean size, a sixth of the logarithm of the ratio of its largest and smallest objects,
     which are taken to be three deviations from the mean.
@@ -128,7 +127,7 @@ def _factor(values: Variables, card: Card) -> float:
 
 
 def _information(values: Variables, observation: Observation, draw: Callable[[Variables], Rendering]) -> Tensor:
-    """JᵀJ / σ² (6, 6) of the drawing's pixels at the winner."""
+    """Return JᵀJ / σ² (6, 6) of the drawing's pixels at the winner."""
     steps = torch.cat([torch.zeros(1, 6), torch.tensor(STEPS).diag()])
     drawn = draw(_moved(values, steps))
     residuals = _weighted(drawn.image - observation.image, observation.weight)
@@ -140,7 +139,7 @@ def _information(values: Variables, observation: Observation, draw: Callable[[Va
     )
     counted = int(((residual != 0) | (jacobian != 0).any(0)).sum())
     variance = residual.square().sum() / max(1, counted - len(STEPS))
-    # A drawing that explains the picture to the last bit is still as coarse as a picture of 8 bits.
+    # The least variance is that of 8-bit pictures.
     return jacobian @ jacobian.mT / variance.clamp_min(1 / 255**2)
 
 
@@ -150,7 +149,7 @@ def _weighted(difference: Tensor, weight: Tensor | None) -> Tensor:
 
 
 def _moved(values: Variables, steps: Tensor) -> Variables:
-    """K rows of one problem's values after steps (K, 6), laid out as `STEPS`."""
+    """Return K rows of one problem's values after steps (K, 6), ordered as `STEPS`."""
     rows = {name: value.expand(len(steps), *value.shape[1:]) for name, value in values.items()}
     turns = axis_angle_to_rotation_matrix(steps[:, :3].double())
     angles = angles_from_rotation(fitted_rotations(values) @ turns)
@@ -161,13 +160,13 @@ def _moved(values: Variables, steps: Tensor) -> Variables:
 
 
 def _zoomed(values: Variables, camera: Tensor, step: Tensor) -> tuple[Variables, Tensor]:
-    """Values and camera with the logarithm of the focal length a step (1,) longer."""
+    """Return values and camera with the logarithm of the focal length increased by a step (1,)."""
     longer = camera.double().clone()
     longer[:2, :2] *= step.exp()
     return values | ({"focal": values["focal"] * step.exp()} if "focal" in values else {}), longer
 
 
 def _central(function: Callable[[Tensor], Tensor], count: int, step: float = 1e-4) -> Tensor:
-    """Derivatives (6, count) at 0 of offsets (K, 6) by steps (K, count)."""
+    """Return central derivatives (6, count) at 0 of offsets (K, 6) with respect to steps (K, count)."""
     steps = step * torch.eye(count, dtype=torch.float64)
     return ((function(steps) - function(-steps)) / (2 * step)).mT

@@ -41,9 +41,9 @@ def default_fit(
     lens_known: bool,
     views: float | None,
 ) -> FitPipeline:
-    """Put the fit together that `kfit.pose.CategoryModel.pipeline` describes; arguments as there."""
+    """Build the fit that `kfit.pose.CategoryModel.pipeline` describes, with its arguments."""
     if depth and views is not None:
-        raise ValueError("depth and views were both given; a fit of several photos is of colour alone")
+        raise ValueError("depth and views were both given; several photos are fitted to colour alone")
     drawn: Generator = SimilarityWarp(generator)
     parts: dict[str, Energy | Prior] = {name: energy for name, (energy, _) in energies.items()}
     parts["prior"] = CodePrior()

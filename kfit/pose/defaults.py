@@ -1,4 +1,4 @@
-"""What a fit uses unless said otherwise: rates, weights and energies."""
+"""Default rates, weights and energies of a fit."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from kfit.features import EfficientNetLite0
 
 # Raw units a step, as the released code fits (neural_object_fitting@7309348): half-turns for angles.
 RATES = {"code": 0.3, "azimuth": 0.03, "elevation": 0.01, "roll": 0.01, "shift": 0.03, "scale": 0.03}
-# What is left of them after the last step.
+# Fraction of the rates at the last step.
 FINAL_RATE_FRACTION = 0.08
 BETAS = (0.7, 0.95)
-# Of the logarithms of the distance, where there is depth, of a focal length that is not known, and of the size, where
-# several cameras see the object.
+# Rates of the logarithms of the distance (with depth), of an unknown focal length, and of the size (with several
+# cameras).
 DISTANCE_RATE, FOCAL_RATE, DIAGONAL_RATE = 0.01, 0.06, 0.03
-# Of depth, and the difference from which on pixels lose weight, in box diagonals of the category's mean.
+# Weight of depth, and scale of its robust kernel in mean box diagonals of the category.
 DEPTH_WEIGHT, DEPTH_SCALE = 0.5, 0.05
 
 
 def default_energies() -> dict[str, tuple[Energy, float]]:
-    """What compares drawing and photo unless said otherwise, by name and with weights."""
+    """Return the default energies of drawing and photo, by name and with weights."""
     return {
         "perceptual": (Perceptual(EfficientNetLite0()), 1.0),
         "ssim": (SSIM(), 2.0),

@@ -1,4 +1,4 @@
-"""A fit written down in YAML, for any model."""
+"""Reading a fit from a YAML recipe, for any model."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ from kfit.runtime.recipe_limits import check_recipe, no_exit
 
 
 def fit_of(recipe: str | Path, model: CategoryModel, changes: Sequence[str] = ()) -> FitPipeline:
-    """The fit that a recipe describes, by a model and where that is.
+    """Build the fit of a recipe for a model, on the model's device.
 
-    A recipe names Python classes, whose modules are imported: take one as you take a program, from whom you trust.
-    It holds the arguments of `kfit.FitPipeline` but the generator, each part by its ``class_path``; see
-    ``recipes/fit_released.yaml``. The model gives the generator, in `kfit.generators.SimilarityWarp`, and drawn from
-    one distance where no initializer sets the ``focal``; its encoder's posterior, where none sets the code; and its
-    category's symmetry, for a selector that asks for one.
+    A recipe names Python classes, whose modules are imported: use recipes, like programs, only from sources you trust.
+    It holds the arguments of `kfit.FitPipeline` except the generator, each part by its ``class_path``; see
+    ``recipes/fit_released.yaml``. The model provides the generator, in `kfit.generators.SimilarityWarp`, with a fixed
+    distance if no initializer sets the ``focal``; its encoder's posterior, if no initializer sets the code; and its
+    category's symmetry, for selectors that need one.
 
     Args:
         recipe: path of the YAML file.
-        model: draws.
-        changes: words that change single entries, as on a command line: ``["--num_starts", "8"]``.
+        model: provides the generator.
+        changes: arguments that change single entries, as on a command line: ``["--num_starts", "8"]``.
 
     Raises:
         FileNotFoundError: if there is no such file.
-        ValueError: for a recipe that is no fit of this model, in one sentence.
+        ValueError: if the recipe is not a fit of this model, in one sentence.
     """
     path = Path(recipe)
     if not path.is_file():

@@ -1,4 +1,4 @@
-"""From a fit's surviving starts to distinct poses with weights, and to a word of warning where they disagree."""
+"""Distinct poses with weights from a fit's surviving starts, and a warning if they disagree."""
 
 from __future__ import annotations
 
@@ -20,22 +20,22 @@ from kfit.geometry import (
 )
 from kfit.geometry.clusters import WITHIN_DEG
 from kfit.pose.card import Card
-from kfit.pose.confidence import confidence
+from kfit.pose.confidence import UNCALIBRATED, confidence
 from kfit.pose.result import Alternative
 
-# An answer with less than this share of the starts' weight, or of the pose head's probability, is called ambiguous.
+# An answer with a smaller fraction of the starts' weight, or of the pose head's probability, is ambiguous.
 MIN_START_WEIGHT, MIN_HEAD_PROBABILITY = 0.8, 0.75
 
 
 class PoseHypotheses(NamedTuple):
-    """What the ends of a fit's starts say of its answer.
+    """Interpretation of the surviving starts of a fit.
 
     Attributes:
         alternatives: distinct poses, the answer first.
-        ambiguity: a sentence where the answer is ambiguous.
+        ambiguity: a sentence if the answer is ambiguous.
         confidence: in [0, 1], see `kfit.pose.confidence.confidence`.
-        warning: a sentence where that is not calibrated, or the energy is unusually high.
-        seen: the share of probability that a pose head gives the answer, if there is one.
+        warning: a sentence if the confidence is not calibrated, or the energy is unusually high.
+        seen: probability that a pose head gives the answer, if there is one.
     """
 
     alternatives: list[Alternative]
@@ -44,11 +44,16 @@ class PoseHypotheses(NamedTuple):
     warning: str | None
     seen: float | None
 
+    @property
+    def calibrated(self) -> bool:
+        """Whether the confidence is a probability of being right."""
+        return self.warning is None or not self.warning.startswith(UNCALIBRATED)
+
 
 def hypotheses_of(
     fit: FitResult, turn: Tensor, card: Card, head: PoseNetwork | None, log_probability: Tensor | None
 ) -> PoseHypotheses:
-    """What the ends of a fit's starts say of the answer of one problem.
+    """Interpret the surviving starts of a fit of one problem.
 
     Args:
         fit: of one problem, on the CPU.
@@ -68,7 +73,7 @@ def hypotheses_of(
 
 
 def alternatives(fit: FitResult, turn: Tensor, symmetry: Symmetry) -> list[Alternative]:
-    """Distinct poses among the surviving starts of a fit of one problem: the answer first, then by weight.
+    """Return the distinct poses among the surviving starts of a fit of one problem: the answer first, then by weight.
 
     Args:
         fit: with ``azimuth``, ``elevation`` and ``roll``.
@@ -77,7 +82,9 @@ def alternatives(fit: FitResult, turn: Tensor, symmetry: Symmetry) -> list[Alter
     """
     rotation, energy = turn @ to_opencv(fitted_rotations(fit.all_values)), fit.all_energy.double()
     weight = energy_weights(energy)
-    first = energy.masked_fill(fit.all_start == fit.start[0], -torch.inf)  # the winner's cluster, whatever chose it
+    first = energy.masked_fill(
+        fit.all_start == fit.start[0], -torch.inf
+    )  # the winner's cluster comes first, whatever selected it
     cluster = rotation_clusters(rotation, first, symmetry)
     groups = []
     for number in range(int(cluster.max()) + 1):
@@ -107,11 +114,12 @@ def head_probability(fit: FitResult, log_probability: Tensor, head: PoseNetwork,
 
 
 def ambiguity_warning(found: list[Alternative], seen: float | None, symmetry: Symmetry) -> str | None:
-    """A sentence where the answer is ambiguous, None where it is not.
+    """Return a sentence if the answer is ambiguous, else None.
 
-    It is where the answer has less than 0.8 of the starts' weight, or of the pose head's probability less than 0.75
-    within 20°. On the 200 views of unseen mugs by which the latter was chosen, it told 60 % of the hidden handles (half
-    of them were found within 9° all the same), 60 % of the wrong answers and 5 % of the right ones.
+    An answer is ambiguous if it has less than 0.8 of the starts' weight, or the pose head gives less than 0.75 of its
+    probability to rotations within 20°. On the 200 views of unseen mugs on which the latter was chosen, it flagged 60 %
+    of the hidden handles (half of them were found within 9° nevertheless), 60 % of the wrong answers and 5 % of the
+    right ones.
 
     Args:
         found: the answer first.
@@ -126,10 +134,10 @@ def ambiguity_warning(found: list[Alternative], seen: float | None, symmetry: Sy
             f"away explains the picture nearly as well ({100 * found[1].weight:.0f} %)"
         )
     if seen is not None and seen < MIN_HEAD_PROBABILITY:
-        return f"ambiguous: by its looks alone the picture fits this pose with a probability of only {100 * seen:.0f} %"
+        return f"ambiguous: the pose head gives this pose a probability of only {100 * seen:.0f} %"
     return None
 
 
 def fitted_rotations(values: dict[str, Tensor]) -> Tensor:
-    """Rotations (N, 3, 3) of a fit's values, in the generator's frame."""
+    """Return rotations (N, 3, 3) of a fit's values, in the generator's frame."""
     return rotation_from_angles(*(values[name].double() for name in ("azimuth", "elevation", "roll")))

@@ -1,4 +1,4 @@
-"""What a user may give beside a photo, checked: pixels, mask or box, and camera."""
+"""Checks of the inputs of a pose: pixels, mask or box, and camera."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from kfit.geometry import intrinsics_from_fov
 from kfit.pose.check_intrinsics import check_intrinsics
 from kfit.segmentation import ObjectMask, Segment, Segmenter, binary_mask, clean_mask
 
-# Along the longer side, of a camera of which nothing is known: its focal length is 1.2 times that side; see
+# Field of view along the longer side of an unknown camera: its focal length is 1.2 × that side; see
 # `kfit.energies.LensPrior`.
 UNKNOWN_FOV_DEG = math.degrees(2 * math.atan(0.5 / 1.2))
-# How far arithmetic may have taken colours out of [0, 1].
+# Tolerated rounding of colours outside of [0, 1].
 ROUNDING = 1e-3
 
 
 def as_numbers(name: str, value: Any) -> NDArray[Any]:
-    """An array of numbers or booleans.
+    """Convert to an array of numbers or booleans.
 
     Raises:
-        ValueError: for anything else, by its name.
+        ValueError: naming the argument, if it is anything else.
     """
     try:
         array = np.asarray(value.detach().cpu() if isinstance(value, Tensor) else value)
@@ -37,10 +37,10 @@ def as_numbers(name: str, value: Any) -> NDArray[Any]:
 
 
 def as_photo(image: NDArray[Any]) -> NDArray[np.float32]:
-    """The picture as (H, W, 3) float32 in [0, 1].
+    """Convert a picture to (H, W, 3) float32 in [0, 1].
 
     Raises:
-        ValueError: for another shape, type or range.
+        ValueError: if shape, type or range are wrong.
     """
     pixels = as_numbers("image", image)
     if pixels.ndim != 3 or pixels.shape[2] != 3 or 0 in pixels.shape:
@@ -64,16 +64,16 @@ def choose_mask(
     segmenter: Segmenter | None,
     category: str,
 ) -> Segment:
-    """The mask (H, W): the one given, else the segmenter's, else GrabCut's in the box, else ``alpha``, else GrabCut's.
+    """Choose the mask (H, W): ``mask``, else the segmenter's, GrabCut's in the box, ``alpha``, or GrabCut's.
 
-    It is thresholded by `kfit.segmentation.binary_mask` where it was given, and cleaned by `clean_mask` in any case.
+    ``mask`` is thresholded by `kfit.segmentation.binary_mask`; every mask is cleaned by `clean_mask`.
 
     Raises:
-        ValueError: if a mask and something else that tells the object are given, or one of them cannot be used.
+        ValueError: if a mask is combined with a box or segmenter, or one of them cannot be used.
     """
     if mask is not None and not (box is None and segmenter is None):
         other = "segmenter" if box is None else "box"
-        raise ValueError(f"mask and {other} were both given; the object is told by one of them")
+        raise ValueError(f"mask and {other} were both given; use one of them to select the object")
     if mask is not None:
         given = as_numbers("mask", mask)
         if given.shape != pixels.shape[:2]:
@@ -113,12 +113,12 @@ def as_ignored(ignore: NDArray[Any], mask: NDArray[Any]) -> NDArray[np.float32]:
 
 
 def as_depth(depth: NDArray[Any], shape: tuple[int, ...]) -> NDArray[np.float32]:
-    """The depth map (H, W), float32.
+    """Convert a depth map to (H, W) float32.
 
     Raises:
-        ValueError: if it is no array of numbers, or has not the photo's shape.
+        ValueError: if it is not an array of numbers, or differs from the photo's shape.
     """
-    with np.errstate(over="ignore"):  # what is too far for single precision becomes infinite, which is unknown
+    with np.errstate(over="ignore"):  # overflow gives infinity, which is unknown depth
         given = as_numbers("depth", depth).astype(np.float32)
     if given.shape != shape:
         raise ValueError(f"depth must have the photo's shape {shape}, got {given.shape}")
@@ -132,10 +132,10 @@ def choose_camera(
     notes: list[str],
     doubts: list[str],
 ) -> tuple[Tensor, str]:
-    """Intrinsics (3, 3) and where they come from: "given", "EXIF" (``known``) or "estimated".
+    """Return intrinsics (3, 3) and their source: "given", "EXIF" (``known``) or "estimated".
 
     Raises:
-        ValueError: if those given are no camera, or one that cannot have taken this photo.
+        ValueError: if ``intrinsics`` are not those of a camera, or cannot belong to this photo.
     """
     height, width = pixels.shape[:2]
     if intrinsics is not None:

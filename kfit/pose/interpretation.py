@@ -1,4 +1,4 @@
-"""From one problem's fit to the answer that a person, or a file, gets."""
+"""From one problem's fit to the answer."""
 
 from __future__ import annotations
 
@@ -19,8 +19,9 @@ from kfit.pose.object_depth import wrong_size
 from kfit.pose.observed_object import ObservedObject
 from kfit.pose.result import PoseResult
 
-# By where the intrinsics come from. EXIF tags are rounded to a millimetre, and lenses miss their names by some percent;
-# what is left of both parts of `kfit.energies.LensPrior`, as little of an object's picture tells its lens.
+# By the source of the intrinsics. EXIF tags are rounded to a millimetre, and lenses differ from their nominal focal
+# length by some percent; estimated ones have the deviation of `kfit.energies.LensPrior`, because a picture of an object
+# determines its lens only weakly.
 FOCAL_LOG_SD = {
     "given": 0.0,
     "EXIF": 0.03,
@@ -39,7 +40,7 @@ def interpret(
     find_covariance: Callable[[], NDArray[np.float64]],
     surface: Callable[[], Surface] | None = None,
 ) -> PoseResult:
-    """Make the answer of one problem's fit.
+    """Build the answer of one problem's fit.
 
     Args:
         category: of the object.
@@ -71,6 +72,7 @@ def interpret(
         bbox_xywh=(left, top, int(columns[-1]) + 1 - left, int(rows[-1]) + 1 - top),
         energy=float(fit.energy[0]),
         confidence=min(hypotheses.confidence, most),
+        calibrated=hypotheses.calibrated,
         ambiguous=hypotheses.ambiguity is not None,
         alternatives=hypotheses.alternatives,
         intrinsics=camera.numpy(),
@@ -93,7 +95,7 @@ def interpret(
 
 
 def _lens_note(camera: Tensor, longer: int) -> str:
-    """A sentence on a focal length that nobody knows."""
+    """Return a note on an estimated focal length."""
     focal, off = float(camera[0, 0]), math.exp(FOCAL_LOG_SD["estimated"])
     return (
         f"focal length estimated: {focal / longer:.2f} times the photo's longer side, to a factor of {off:.1f}; "

@@ -1,4 +1,4 @@
-"""Whether a depth map can be that of the object: its unit, by the sizes of the category, and what lies apart."""
+"""Plausibility of a depth map for the object: its unit, by the sizes of the category, and outliers."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from torch import Tensor
 
 from kfit.geometry import Category
 
-# How many times too far a depth is that was read as metres, or as millimetres in a 16-bit picture, and was not.
+# Factors of depth that was read in the wrong unit: as metres, or as millimetres in a 16-bit picture.
 UNITS = {
     "millimetres read as metres": 1000.0,
     "centimetres read as metres": 100.0,
@@ -25,39 +25,37 @@ UNITS = {
     "centimetres read as millimetres": 0.1,
     "metres divided by 1000": 0.001,
 }
-# An object's outline spans 0.3 to 1.1 diagonals of its box, whatever side it shows. Twice that is left for its own size
-# and for an assumed camera.
+# An object's outline spans 0.3 to 1.1 diagonals of its box in every view. A factor of 2 allows for its own size and for
+# an assumed camera.
 NARROW, WIDE = 0.3 / 2, 1.1 * 2
-# What is seen of an object is no deeper than so many outlines.
+# Largest depth of the visible part of an object, in outlines.
 DEEP = 1.6
-# Of two groups of depths, the nearer is the object if it has this share of the larger one's pixels.
+# Of two groups of depths, the nearer is the object if it has this fraction of the larger one's pixels.
 NEARER = 0.8
-# Shares of the known depths that belong together: a note below the first, a doubt below the second.
+# Fractions of the known depths that are consistent: a note below the first, a doubt below the second.
 MOST, FEW = 0.98, 0.7
 
 
 def object_depth(
     depth: NDArray[Any], mask: NDArray[np.float32], intrinsics: Tensor, category: Category
 ) -> tuple[Tensor, list[str], list[str]]:
-    """Mark as unknown what of a depth map cannot be the object.
+    """Mark depths that cannot belong to the object as unknown.
 
-    No two points of an object are farther apart than the largest diagonal of its category, and what is seen of one is
-    no deeper than 1.6 times its outline is large. The interval of this length that holds most of the known depths on
-    the mask is the object, the nearer of two that hold about as many; depths farther than this from its median become
-    unknown.
+    No two points of an object are farther apart than the largest diagonal of its category, and its visible part is no
+    deeper than 1.6 × its outline. The interval of this length that holds most of the known depths on the mask is the
+    object, or the nearer one of two with about as many; depths farther than this from its median become unknown.
 
     Args:
-        depth: (H, W) in metres along the camera's axis, unknown where it is not finite or not above 0.
+        depth: (H, W) in metres along the camera's axis; values that are not finite or not above 0 are unknown.
         mask: (H, W), above 1/2 on the object.
         intrinsics: (3, 3).
         category: of the object.
 
     Returns:
-        (H, W) with NaN where the object's depth is unknown; notes; and doubts, which hold the confidence at 50 %.
+        (H, W) with NaN where the object's depth is unknown; notes; and doubts, which limit the confidence to 50 %.
 
     Raises:
-        ValueError: if no depth is known on the mask, or the object would be far larger or smaller than its category
-            allows.
+        ValueError: if no depth on the mask is known, or it makes the object far larger or smaller than its category.
     """
     there = mask > 0.5
     known = there & np.isfinite(depth) & (depth > 0)
@@ -87,7 +85,7 @@ def object_depth(
 
 
 def wrong_size(category: Category, diagonal: float) -> str | None:
-    """A sentence where a box diagonal in metres that was found by depth is out of the category's range."""
+    """Return a sentence if a box diagonal in metres, found by depth, is outside of the category's range."""
     least, most = category.diagonals
     if least <= diagonal <= most:
         return None
@@ -95,7 +93,7 @@ def wrong_size(category: Category, diagonal: float) -> str | None:
 
 
 def _outline(there: NDArray[np.bool_], distance: float, intrinsics: Tensor) -> float:
-    """Diagonal in metres of the box about a mask's pixels, at a distance."""
+    """Return the diagonal in metres of the box around a mask's pixels, at a distance."""
     rows, columns = (np.flatnonzero(there.any(axis)) for axis in (1, 0))
     across = math.hypot(int(np.ptp(rows)) + 1, int(np.ptp(columns)) + 1)
     return distance * across / float(intrinsics[0, 0] + intrinsics[1, 1]) * 2

@@ -1,4 +1,4 @@
-"""Objects of kfit's categories in a photo: where they are, which category each is of, and their masks."""
+"""Finds the objects of kfit's categories in a photo: places, categories and masks."""
 
 from __future__ import annotations
 
@@ -18,40 +18,40 @@ from kfit.segmentation import Box, OnnxNetwork, SalientObject, Segment, Segmente
 from kfit.segmentation.object_detector import CLASSES, ObjectDetector, iou
 from kfit.segmentation.salient_object import SURROUND, U2NET
 
-# Classes of the detector that are of a category.
+# The detector's classes of each category.
 DETECTED = {"bottle": ("Bottle",), "camera": ("Camera",), "laptop": ("Laptop",), "mug": ("Mug", "Coffee cup")}
-# Its classes that speak for none of them.
+# Its classes that are evidence for none of them.
 LIVING = ("Person", "Cattle", "Cat", "Dog")
-# Its classes of things of another size, whose boxes tell nothing about the place of an object.
+# Its classes of things of another size, whose boxes do not locate objects.
 SURROUNDINGS = ("Person", "Chair", "Cattle", "Desk", "Cat", "Stationary bicycle", "Table", "Dog", "Bicycle", "Book")
-# Margin, in longer sides of a box, with which the classifier sees an object.
+# Margin of the classifier's input around an object, as a fraction of the box's longer side.
 MARGIN = 0.15
-# What stands out and has this share of the photo may be an object, as likely as a box of this score.
+# A salient region with at least this fraction of the photo is a candidate, with the score of such a box.
 LEAST_PART, PART_SCORE = 0.005, 0.3
-# Boxes of fewer pixels a side, or of a smaller share of the photo's longer side, hold too little.
+# Smaller boxes, in pixels or as a fraction of the photo's longer side, are ignored.
 LEAST_SIDE, LEAST_SHARE = 12, 0.03
-# A detector's score of 0.1 says nothing; of its logarithm above that, this much adds to the classifier's, for a
-# category and for none.
+# Scores of the detector up to 0.1 are ignored; above, this multiple of the logarithm of their ratio to it is added to
+# the classifier's, for a category and for none.
 SILENT, DETECTOR_WEIGHT, LIVING_WEIGHT = 0.1, 0.5, 1.0
-# An object is reported from this probability of its category, and from this product of it with the box's score. Where
-# there is none, one of lower numbers is, as a guess.
+# An object is reported above this probability of its category, and above this product of it with the box's score. If
+# there is none, one object above lower thresholds is reported as a guess.
 PROBABLE, SEEN = 0.5, 0.1
 GUESS, GUESS_SEEN = 0.25, 0.03
-# Of several, each has this share of the best one's product; parts of an object look like the whole.
+# Of several objects, each needs this fraction of the best one's product, because parts resemble the object.
 LEAST_OF_BEST = 0.2
-# A mask whose box has less IoU with the box it was looked for in shows another thing.
+# A mask whose box has less IoU with the searched box shows another object.
 AGREES = 0.4
-# A box that fits what stands out by this IoU frames it.
+# IoU of a box and a salient region above which they frame the same object.
 SALIENT = 0.6
-# Two boxes of this IoU, or one inside the other by this share and of one category, hold one object.
+# Two boxes above this IoU, or with this fraction of one inside the other and of one category, hold one object.
 SAME, INSIDE = 0.4, 0.7
-# Boxes of the detector are off by about this share of their sides.
+# Boxes of the detector are off by about this fraction of their sides.
 SLACK = 0.03
 
 
 @dataclass(frozen=True)
 class FoundObject(Segmenter):
-    """An object in a photo; as a segmenter it is its own mask.
+    """An object in a photo; as a segmenter it returns its mask.
 
     Attributes:
         category: one of `kfit.geometry.CATEGORIES`.
@@ -72,15 +72,17 @@ class FoundObject(Segmenter):
 class ObjectFinder:
     """Finds bottles, bowls, cameras, cans, laptops and mugs.
 
-    Candidates are the boxes of `kfit.segmentation.ObjectDetector`, whatever class it takes them for, and what stands
-    out in the whole photo by U²-Net and is in none of them. `kfit.features.CategoryClassifier` tells the probability of
-    each category; where the detector knows the category, the logarithm of its score counts too. Of boxes around one
-    object the most probable stays, and U²-Net cuts the object out of it.
+    Candidates are the boxes of `kfit.segmentation.ObjectDetector`, of any class, and regions outside of them that are
+    salient in the whole photo by U²-Net. `kfit.features.CategoryClassifier` predicts the probability of each category;
+    if the detector knows the category, the logarithm of its score is added. Of boxes around one object the most
+    probable one is kept, and U²-Net segments the object in it.
 
-    >>> from skimage.data import coffee
-    >>> [cup] = ObjectFinder().find(coffee() / np.float32(255))
-    >>> cup.category
-    'mug'
+    Example:
+        >>> from skimage.data import coffee
+        >>> from kfit.pose.object_finder import ObjectFinder
+        >>> [cup] = ObjectFinder().find(coffee() / np.float32(255))
+        >>> cup.category
+        'mug'
     """
 
     @cached_property
@@ -92,9 +94,9 @@ class ObjectFinder:
         return SalientObject(OnnxNetwork(U2NET))
 
     def find(self, image: NDArray[np.float32], categories: Sequence[str] = tuple(CATEGORIES)) -> list[FoundObject]:
-        """Find all objects of some categories in a photo (H, W, 3), RGB in [0, 1]; those seen best first.
+        """Find all objects of some categories in a photo (H, W, 3), RGB in [0, 1], by decreasing score.
 
-        Where no object is probable, the likeliest may be given, with a score below one half.
+        If no object is probable, the likeliest one may be returned, with a score below 0.5.
         """
         boxes, scores, seen = self.candidates(image)
         wanted = [NAMES.index(name) for name in categories]
@@ -121,8 +123,11 @@ class ObjectFinder:
     def candidates(
         self, image: NDArray[np.float32]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """Boxes (N, 4), left, top, right, bottom, the detector's scores of its 23 classes there (N, 23), and how surely
-        each box frames an object at all (N,)."""
+        """Return candidate boxes, the detector's scores, and the probability of any object.
+
+        Returns:
+            Boxes (N, 4), left, top, right, bottom; scores (N, 23) of the detector's classes; scores (N,) of any object.
+        """
         proposals = self._detector(image)
         boxes, scores = [*proposals.boxes], [*proposals.scores]
         framing = proposals.scores[:, [name not in SURROUNDINGS for name in CLASSES]].max(1, initial=0)
@@ -145,12 +150,12 @@ class ObjectFinder:
     def probabilities(
         self, image: NDArray[np.float32], boxes: NDArray[Any], scores: NDArray[Any] | None = None
     ) -> NDArray[np.float64]:
-        """Probability (N, 7) of the categories and of none of them, in the order of `NAMES`, for what boxes hold.
+        """Return probabilities (N, 7) of the categories and of none of them, in the order of `NAMES`, for boxes.
 
         Args:
             image: (H, W, 3), RGB in [0, 1].
             boxes: (N, 4) left, top, right, bottom in pixels.
-            scores: (N, 23) of the detector there; it looks at the photo where they are not given.
+            scores: (N, 23) of the detector; by default the detector is run.
         """
         if not len(boxes):
             return np.zeros((0, len(NAMES)))
@@ -169,7 +174,7 @@ class ObjectFinder:
         return np.asarray(shares / shares.sum(1, keepdims=True), np.float64)
 
     def salient_share(self, image: NDArray[np.float32], there: NDArray[np.bool_]) -> float:
-        """The share of a mask (H, W), not empty, that stands out in its box and a quarter around it."""
+        """Return the fraction of a non-empty mask (H, W) that is salient in its box, enlarged by a quarter."""
         left, top, width, height = (round(part) for part in box_of(there))
         across, down = round(SURROUND * width), round(SURROUND * height)
         around = np.s_[max(0, top - down) : top + height + down, max(0, left - across) : left + width + across]
@@ -178,12 +183,12 @@ class ObjectFinder:
     def _cut_out(
         self, image: NDArray[np.float32], corners: NDArray[Any], category: str, score: float
     ) -> FoundObject | None:
-        """The object in a box of the detector, which may be off; None where what stands out there is another thing."""
+        """Segment the object in an inexact box of the detector; None if the salient region there is another object."""
         reach = SLACK * np.tile(corners[2:] - corners[:2], 2) * (-1, -1, 1, 1)
         left, top, right, bottom = (corners + reach).tolist()
         try:
             segment = self._salient(image, category, (left, top, right - left, bottom - top))
-        except ValueError:  # nothing stands out
+        except ValueError:  # nothing is salient
             return None
         box = box_of(segment.mask)
         if iou(corners[None], _corners(box)[None]).item() < AGREES:
@@ -192,7 +197,7 @@ class ObjectFinder:
 
 
 def _is_new(corners: NDArray[Any], category: str, found: Sequence[FoundObject]) -> bool:
-    """Whether a box holds an object of a category that is none of those that were found."""
+    """Return whether a box holds another object than those already found."""
     for other in found:
         mine, theirs = corners[None], _corners(other.box)[None]
         low, high = np.maximum(mine[:, :2], theirs[:, :2]), np.minimum(mine[:, 2:], theirs[:, 2:])
@@ -204,7 +209,7 @@ def _is_new(corners: NDArray[Any], category: str, found: Sequence[FoundObject]) 
 
 
 def box_of(mask: NDArray[Any]) -> Box:
-    """Left, top, width and height of a mask's box."""
+    """Return left, top, width and height of a mask's box."""
     left, top, width, height = cv2.boundingRect((np.asarray(mask) > 0.5).astype(np.uint8))
     return float(left), float(top), float(width), float(height)
 

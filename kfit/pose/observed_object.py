@@ -1,4 +1,4 @@
-"""An object in a photo, made ready to be fitted."""
+"""An object in a photo, prepared for a fit."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from kfit.pose.inputs import as_depth, as_ignored, as_photo, choose_camera, choo
 from kfit.pose.object_depth import object_depth
 from kfit.segmentation import Photo, Segmenter, load_segmenter, mask_from_alpha, read_photo
 
-# Of the notes with which an answer's confidence is held down.
-PLAIN = "the object shows one colour: nothing but its outline tells its pose, and the confidence is 50 % at most"
-WHOLE = "the mask is the whole picture: it tells no outline, and the confidence is 50 % at most"
+# Notes that limit an answer's confidence.
+PLAIN = "the object has one colour: only its outline shows its pose, and the confidence is 50 % at most"
+WHOLE = "the mask covers the whole picture: there is no outline, and the confidence is 50 % at most"
 _LEAST_SPREAD = 0.01
 # A pixel of the picture counts where a smaller share of it is ignored.
 MOST_IGNORED = 0.25
@@ -27,17 +27,17 @@ MOST_IGNORED = 0.25
 
 @dataclass(frozen=True)
 class ObservedObject:
-    """What is seen of one object, and where.
+    """The observation of one object, and its place in the photo.
 
     Attributes:
         observation: one problem for a `kfit.FitPipeline`.
         image: (H, W, 3) RGB in [0, 1], the whole photo.
         mask: (H, W) that was used.
-        crop: the square that the observation shows.
-        intrinsics: (3, 3) of the photo; where they are unknown, with the focal length that is likeliest of lenses.
-        intrinsics_from: "given", "EXIF" or "estimated", which is left to the fit.
-        notes: sentences on what was assumed, and where the object is cut off or small.
-        doubtful: whether one of them holds the answer's confidence at 50 %.
+        crop: the square of the observation.
+        intrinsics: (3, 3) of the photo; if unknown, with the likeliest focal length of lenses.
+        intrinsics_from: "given", "EXIF" or "estimated"; an estimated focal length is fitted.
+        notes: sentences on assumptions, and on objects that are cut off or small.
+        doubtful: whether one of them limits the answer's confidence to 50 %.
     """
 
     observation: Observation
@@ -51,7 +51,7 @@ class ObservedObject:
 
     @property
     def lens_known(self) -> bool:
-        """Whether a fit may take the focal length for given."""
+        """Whether the focal length is known, so that a fit need not find it."""
         return self.intrinsics_from != "estimated"
 
     @staticmethod
@@ -66,15 +66,15 @@ class ObservedObject:
         segmenter: str | Path | Segmenter | None = None,
         ignore: NDArray[Any] | None = None,
     ) -> ObservedObject:
-        """Find the object and cut it out, as `kfit.pose.CategoryModel.pose` says.
+        """Find the object and cut it out, as `kfit.pose.CategoryModel.pose` describes.
 
         Args:
             image, mask, box, intrinsics, depth, segmenter, ignore: as there.
-            category: that a segmenter is to look for.
+            category: for segmenters.
             size: of the picture in pixels.
 
         Raises:
-            FileNotFoundError, ValueError: for what cannot be used, in one sentence.
+            FileNotFoundError, ValueError: if an input cannot be used, in one sentence.
         """
         notes: list[str] = []
         doubts: list[str] = []
@@ -113,13 +113,13 @@ class ObservedObject:
 
 
 def _is_plain(observation: Observation) -> bool:
-    """Whether the object's colours, each in [0, 1], have a standard deviation below 0.01."""
+    """Return whether the object's colours, each in [0, 1], have a standard deviation below 0.01."""
     seen = observation.field("image")[0].flatten(1)[:, observation.field("mask")[0, 0].flatten() > 0.9]
     return seen.shape[1] > 1 and float(seen.std(1).max()) < _LEAST_SPREAD
 
 
 def cut_off(mask: NDArray[Any]) -> str | None:
-    """A sentence where an object's mask (H, W) touches the picture's border."""
+    """Return a sentence if an object's mask (H, W) touches the picture's border."""
     edges = {"left": mask[:, 0], "right": mask[:, -1], "top": mask[0], "bottom": mask[-1]}
     touched = [name for name, edge in edges.items() if bool((np.asarray(edge) > 0.5).any())]
     if not touched:
@@ -132,7 +132,7 @@ def cut_off(mask: NDArray[Any]) -> str | None:
 
 
 def too_small(crop: Crop) -> str | None:
-    """A sentence where the photo has fewer pixels for an object than the generator draws, so that it is magnified."""
+    """Return a sentence if the photo has fewer pixels of an object than the generator draws."""
     if crop.side >= crop.size:
         return None
     box, needed = crop.side / MARGIN, crop.size / MARGIN

@@ -1,4 +1,4 @@
-"""Where an object stands, by the values that were fitted to it."""
+"""The pose of an object in the photo's camera from its fitted values."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from kfit.pose.card import Card
 
 
 def placement(fitted: Variables, crop: Crop, camera: Tensor, card: Card) -> tuple[Tensor, Tensor, Tensor]:
-    """Rotation (1, 3, 3), translation (1, 3) and box diagonal (1,) in metres in the photo's camera.
+    """Return rotation (1, 3, 3), translation (1, 3) and box diagonal (1,) in metres in the photo's camera.
 
-    The diagonal is the fitted one where several cameras saw the object, follows from the fitted distance where there is
-    one, and else is the category's mean.
+    The diagonal is the fitted one with several cameras, follows from the fitted distance with depth, and is the
+    category's mean otherwise.
 
     Args:
-        fitted: one problem's values; the camera has the fitted focal length, if there is one.
-        crop: that was fitted.
+        fitted: one problem's values; a fitted focal length replaces the camera's.
+        crop: the fitted square.
         camera: (3, 3) of the photo.
         card: of the model.
     """

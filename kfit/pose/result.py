@@ -1,4 +1,4 @@
-"""The answer to "where is this object?"."""
+"""The result of pose estimation."""
 
 from __future__ import annotations
 
@@ -22,13 +22,19 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Alternative:
-    """One of the poses that the fit found.
+    """One of the distinct poses that the fit found.
 
     Attributes:
         rotation: (3, 3).
         energy: of its best start.
-        weight: share of the surviving starts' weight, in [0, 1]; all alternatives' sum to 1.
+        weight: fraction of the surviving starts' weight, in [0, 1]; the alternatives' weights sum to 1.
         spread_deg: weighted angular standard deviation of its starts about the best one.
+
+    Example:
+        >>> import numpy as np
+        >>> from kfit.pose import Alternative
+        >>> Alternative(np.eye(3), energy=0.4, weight=0.9, spread_deg=3.0).weight
+        0.9
     """
 
     rotation: NDArray[np.float64]
@@ -39,35 +45,46 @@ class Alternative:
 
 @dataclass(frozen=True)
 class PoseResult:
-    """Pose, size and look of one object in one photo.
+    """Pose, size and appearance of one object in one photo.
 
     Attributes:
         category: of the model.
         rotation: (3, 3), object (NOCS axes, y up) to camera (OpenCV: x right, y down, z forward).
         translation: (3,) of the object's centre, in metres.
         size: (3,) sides of the object's box along its own axes, in metres.
-        size_from: "depth", "views" of several cameras, or "mean size" where size and distance rest on the category's.
+        size_from: source of size and distance: "depth", "views" of several cameras, or the category's "mean size".
         bbox_xywh: left, top, width, height of the mask's box, in pixels.
         energy: of the winning start; lower is better.
         confidence: probability in [0, 1] that the rotation is within 20° of the truth, calibrated on held-out
-            procedural views; where the model or the fit has no calibration, as a note then says, the answer's weight.
-        ambiguous: whether other poses explain the picture about as well; a note says which.
+            procedural views; if the model or the fit has no calibration, as a note then reports, the answer's weight.
+        calibrated: whether the confidence is such a probability.
+        ambiguous: whether other poses explain the picture about as well; a note names one.
         alternatives: distinct poses, the answer first, then by weight.
-        intrinsics: (3, 3) that translation rests on.
-        intrinsics_from: "given", "EXIF", or "estimated" where the focal length was fitted too.
-        focal_log_sd: standard deviation of the logarithm of the focal length: 0 where it was given.
-        notes: sentences on what was assumed and what may have gone wrong.
+        intrinsics: (3, 3) of the translation.
+        intrinsics_from: "given", "EXIF", or "estimated" if the focal length was fitted.
+        focal_log_sd: standard deviation of the logarithm of the focal length: 0 if it was an argument.
+        notes: sentences on assumptions and possible errors.
         image: (H, W, 3) RGB in [0, 1], the photo.
         mask: (H, W) that was used.
-        crop: the square that was fitted.
-        observation: what was seen in it.
+        crop: the fitted square.
+        observation: its content.
         drawing: (S, S, 3) the winner's picture.
-        fit: everything about the fit.
+        fit: the result of the fit.
         draw: draws N values of the fit, such as those of a start over the steps.
         find_covariance: computes `covariance`.
-        category_score: probability in [0, 1] that the object is of the category, by its look; None where nothing
-            checked it.
-        surface: finds the fitted object's surface; None where the model's generator has none.
+        category_score: probability in [0, 1] that the object is of the category, by its appearance; None if it was not
+            checked.
+        surface: computes the fitted object's surface; None if the model's generator has none.
+
+    Example:
+        >>> import numpy as np, kfit
+        >>> image, mask = np.ones((96, 96, 3)), np.zeros((96, 96))
+        >>> image[20:80, 30:70], mask[20:80, 30:70] = (0.7, 0.2, 0.1), 1
+        >>> model = kfit.load("mug")
+        >>> short = model.pipeline(num_starts=1, num_steps=1)  # for this example
+        >>> result = model.pose(image, mask=mask, pipeline=short)
+        >>> result.category, result.bbox_xywh, result.size_from, result.intrinsics_from
+        ('mug', (30, 20, 40, 60), 'mean size', 'estimated')
     """
 
     category: str
@@ -78,6 +95,7 @@ class PoseResult:
     bbox_xywh: tuple[int, int, int, int]
     energy: float
     confidence: float
+    calibrated: bool
     ambiguous: bool
     alternatives: list[Alternative]
     intrinsics: NDArray[np.float64]
@@ -97,7 +115,7 @@ class PoseResult:
 
     @property
     def quaternion_wxyz(self) -> NDArray[np.float64]:
-        """The rotation as a unit quaternion, real part first and not negative."""
+        """The rotation as a unit quaternion, with a real part first and at least 0."""
         quaternion: NDArray[np.float64] = rotation_matrix_to_quaternion(torch.from_numpy(self.rotation)[None])[
             0
         ].numpy()
@@ -111,24 +129,24 @@ class PoseResult:
         applied on the left, about the camera's axes through the object's centre, and τ is in metres. Rotation comes
         first: ``covariance[:3, :3]`` is in rad², ``covariance[3:, 3:]`` in m².
 
-        It adds what the drawing's pixels leave open near the answer, how far the surviving starts lie from it, the
-        focal length's deviation and, mostly along the viewing ray, the size's; the module ``kfit.pose.covariance``
-        has the formula. It describes answers that are right or among the surviving starts; ``confidence`` tells
-        whether the rotation is right. Of 147 answers to held-out views that were right within 20°, 131 had the truth
-        in the 95 % ellipsoid (mugs 60 of 75, bottles 71 of 72).
+        It is the sum of the uncertainty of the drawing's pixels near the answer, the scatter of the surviving starts,
+        the focal length's deviation and, mostly along the viewing ray, the size's; the module ``kfit.pose.covariance``
+        has the formula. It describes answers that are right or among the surviving starts; ``confidence`` is the
+        probability that the rotation is right. Of 147 answers to held-out views that were right within 20°, 131 had the
+        truth in the 95 % ellipsoid (mugs 60 of 75, bottles 71 of 72).
 
-        Of a symmetric object the turn about its vertical axis a = ``rotation[:, 1]`` is unobservable. The matrix holds
-        the variance π²/3 of an even distribution over the circle along (a, 0), and no correlation of it with others.
+        The rotation of a symmetric object about its vertical axis a = ``rotation[:, 1]`` is unobservable. Along (a, 0)
+        the matrix has the variance π²/3 of a uniform distribution over the circle, without correlations.
 
-        Computed at the first access, from seven drawings without a gradient.
+        It is computed at the first access, from seven drawings without a gradient.
         """
         return self.find_covariance()
 
     def mesh(self) -> Trimesh:
-        """The fitted object's surface, with a colour at each vertex, in metres about the centre of its box, y up.
+        """Return the fitted object's surface, with a colour at each vertex, in metres about its box's centre, y up.
 
-        ``rotation`` and ``translation`` take it to the photo's camera. It is where a volume of colour and density
-        grows dense, found by marching cubes: as smooth as the drawings, and guessed where the photo shows nothing.
+        ``rotation`` and ``translation`` map it to the photo's camera. It is an isosurface of the generator's density,
+        by marching cubes: as smooth as the drawings, and extrapolated where the photo does not show the object.
 
         Raises:
             ValueError: if the model's generator has no volume, or the fitted one is empty.
@@ -143,7 +161,7 @@ class PoseResult:
         return Trimesh(metres, surface.faces, vertex_colors=colors, process=False)
 
     def to_dict(self) -> dict[str, Any]:
-        """What ``pose.json`` holds: numbers, lists and strings only."""
+        """Return the content of ``pose.json``: numbers, lists and strings only."""
         return {
             "category": self.category,
             "category_score": self.category_score,
@@ -157,6 +175,7 @@ class PoseResult:
             "bbox_xywh": list(self.bbox_xywh),
             "energy": self.energy,
             "confidence": self.confidence,
+            "calibrated": self.calibrated,
             "ambiguous": self.ambiguous,
             "alternatives": [
                 {"rotation": a.rotation.tolist(), "energy": a.energy, "weight": a.weight, "spread_deg": a.spread_deg}

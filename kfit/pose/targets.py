@@ -1,4 +1,4 @@
-"""What a photo's answer is about: each object with its category, how sure that is, and what tells its mask."""
+"""The objects of an answer: category, its probability, and mask of each."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from kfit.pose.object_finder import FoundObject, ObjectFinder, box_of
 from kfit.pose.result import PoseResult
 from kfit.segmentation import Box, Detector, Photo, Segment, Segmenter, mask_from_alpha
 
-# The odds that an object is of the category that a person names, over those that its picture tells.
+# Factor by which naming a category increases the odds from the picture.
 NAMED = 4.0
-# Below the first probability of its category an answer says that it is probably another thing, below the second how
+# Below the first probability of its category an answer notes that it is probably another object, below the second how
 # probable the category is.
 PROBABLE, CLEAR = 0.5, 0.8
-# An object lies in a mask by this share of its own, and is one of several if it has between these shares of the mask.
+# Fraction of an object inside of a mask that contains it, and least fraction of the mask for one of several objects.
 INSIDE, LEAST_PART = 0.7, 0.15
-# Least share of a mask that stands out from its surroundings.
+# Least salient fraction of a mask.
 SALIENT = 0.3
 
 
@@ -34,24 +34,24 @@ def find_targets(
     segmenter: Segmenter | None = None,
     finder: ObjectFinder | None = None,
 ) -> list[FoundObject]:
-    """Find the objects that an answer is about.
+    """Find the objects to answer for.
 
-    A mask, a box or an alpha channel tells one object; a detector tells all that it knows; with nothing given, the
-    finder looks for all six categories. A category narrows what is looked for, and holds for the object in a box.
+    A mask, a box or an alpha channel selects one object; a detector returns all of its objects; otherwise the finder
+    searches for all six categories. A category limits the search, and is that of the object in a box.
 
     Args:
-        photo: to look at.
+        photo: the photo.
         category: one of `kfit.geometry.CATEGORIES`.
         mask: (H, W), above one half of its full scale on the object.
         box: left, top, width, height in pixels.
         segmenter: of the object's mask, instead of kfit's own networks.
-        finder: to use.
+        finder: searches for objects.
 
     Returns:
-        None or more, those seen best first.
+        Any number of objects, by decreasing score.
 
     Raises:
-        ValueError: for a mask or box that cannot be used, or no object where one was pointed at.
+        ValueError: if a mask or box cannot be used, or holds no object.
     """
     finder = finder or ObjectFinder()
     alpha = None if photo.alpha is None else mask_from_alpha(photo.alpha)
@@ -69,7 +69,7 @@ def find_targets(
 
 
 def with_score(result: PoseResult, target: FoundObject) -> PoseResult:
-    """The answer with the probability that its object is of the category, by which its confidence is multiplied.
+    """Return the answer with the probability that its object is of the category, an upper bound of its confidence.
 
     A pose can be right only if the category is.
     """
@@ -87,7 +87,7 @@ def with_score(result: PoseResult, target: FoundObject) -> PoseResult:
 
 
 def _detected(photo: Photo, detector: Detector) -> list[FoundObject]:
-    """What a detector finds of kfit's categories; its own scores tell how sure it is."""
+    """Return the detections of kfit's categories, with the detector's scores."""
     detections = detector.detect(photo.image)
     found = []
     for index in np.argsort(-detections.scores, kind="stable").tolist():
@@ -98,7 +98,7 @@ def _detected(photo: Photo, detector: Detector) -> list[FoundObject]:
 
 
 def _doubts(finder: ObjectFinder, photo: Photo, mask: NDArray[np.float32]) -> tuple[str, ...]:
-    """Sentences where a given mask shows several objects, or little that stands out from around it."""
+    """Return sentences if a mask covers several objects, or little that is salient."""
     there = mask > 0.5
     parts = [one.segment.mask > 0.5 for one in finder.find(photo.image)]
     within = [part for part in parts if (part & there).sum() > INSIDE * part.sum()]
@@ -111,7 +111,7 @@ def _doubts(finder: ObjectFinder, photo: Photo, mask: NDArray[np.float32]) -> tu
 
 
 def _classified(finder: ObjectFinder, photo: Photo, segment: Segment, category: str | None) -> FoundObject:
-    """The object of a mask, as a category that was named or the likeliest one."""
+    """Return the object of a mask, of the named category or the likeliest one."""
     left, top, width, height = box = box_of(segment.mask)
     corners = np.array([[left, top, left + width, top + height]])
     shares = finder.probabilities(photo.image, corners)[0]

@@ -1,4 +1,4 @@
-"""One object in several photos, made ready to be fitted at once."""
+"""One object in several photos, prepared for one fit."""
 
 from __future__ import annotations
 
@@ -37,19 +37,19 @@ def observed_views(
     relative_poses: Any,
     segmenter: str | Path | Segmenter | Sequence[Segmenter] | None,
 ) -> tuple[ObservedObject, Observation]:
-    """Find the object in each photo; what was seen in the first, and one problem of all views.
+    """Find the object in each photo; return it in the first photo, and one problem of all views.
 
     Args:
         images: V photos.
-        category: that a segmenter is to look for.
+        category: for segmenters.
         size: of the pictures in pixels.
-        masks, boxes, intrinsics: lists of V, or None; one (3, 3) serves all.
+        masks, boxes, intrinsics: lists of V, or None; one (3, 3) holds for all.
         relative_poses: (V, 4, 4), from the first camera to each.
         segmenter: as `kfit.pose.CategoryModel.pose` takes it.
 
     Raises:
-        ValueError: for lists of other lengths, poses that are no rigid motions or whose first is no identity, and
-            lenses that are unknown.
+        ValueError: if a list has another length, a pose is not a rigid motion, the first is not the identity, or a
+            lens is unknown.
     """
     count = len(images)
     if count < 2:
@@ -94,14 +94,14 @@ def observed_views(
 
 
 def triangulated_diagonal(observation: Observation, unit_fraction: float, mean_diagonal: float) -> float:
-    """Box diagonal in metres of an object in several crops, by the rays through their middles and its size in them.
+    """Triangulate the box diagonal in metres of an object in several crops, from its rays and its size in them.
 
-    The rays' nearest common point is that of least squares, Σ_v (I − d_v d_vᵀ)(p − c_v) = 0. Where they are all but
-    parallel it says little, and the answer stays within a third and three times the mean.
+    The rays' nearest common point is the least-squares solution of Σ_v (I − d_v d_vᵀ)(p − c_v) = 0. It is inaccurate
+    for nearly parallel rays, so the result is clipped to 1/3 to 3 × the mean.
 
     Args:
         observation: one problem of several views, with the crops' cameras.
-        unit_fraction: share of the crop's width that the bounding sphere's silhouette spans at scale 1.
+        unit_fraction: fraction of the crop's width that the bounding sphere's silhouette spans at scale 1.
         mean_diagonal: of the category.
     """
     cameras, poses = observation.field("intrinsics").double(), observation.field("trans_cam_ref").double()
@@ -123,7 +123,7 @@ def check_relative_poses(poses: Any, count: int) -> Tensor:
     """Return poses (V, 4, 4) in double precision, from the first camera to each of V.
 
     Raises:
-        ValueError: unless they are so many rigid motions, of which the first is the identity.
+        ValueError: if they are not that many rigid motions, the first of which is the identity.
     """
     if poses is None:
         raise ValueError("several photos need relative_poses, (V, 4, 4), from the first camera to each")

@@ -1,4 +1,4 @@
-"""A fit shown on its photo: box, axes and outline, and beside them what was seen and what was fitted."""
+"""A fit drawn on its photo: box, axes and outline, with the observation and the drawing at its side."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from kfit.geometry import EDGES, Crop, box_corners, project
+from kfit.reports.words import Level, confidence_level
 
 Picture = NDArray[np.uint8]
 Colour = tuple[int, int, int]
@@ -19,12 +20,13 @@ Colour = tuple[int, int, int]
 # Of the photo's longer side as shown: larger photos shrink, smaller ones grow until a label can be read.
 LARGEST, SMALLEST = 1280, 480
 BOX, OUTLINE, INK, PAPER = (255, 176, 0), (255, 255, 255), (30, 30, 30), (255, 255, 255)
+LEVELS: dict[Level, Colour] = {"high": (95, 220, 120), "medium": (255, 192, 105), "low": (255, 110, 100)}
 AXES = (("x", (230, 40, 40)), ("y", (30, 170, 60)), ("z", (40, 90, 240)))
 # Of a video's frame: encoding 640 pixels takes about as long as following.
 LARGEST_FRAME = 640
 # Height of a line of OpenCV's lettering at font scale 1.
 LINE = 30.0
-# OpenCV draws at sixteenths of a pixel when told to.
+# OpenCV draws with a precision of 1/16 pixel by its argument `shift`.
 BITS = 4
 
 
@@ -50,7 +52,7 @@ def draw_overlay(
         translation: (3,) in metres.
         size: (3,) extents of the object in metres.
         intrinsics: (3, 3) of the photo.
-        seen: (3, S, S), the crop that was to be explained, for a panel beside the photo.
+        seen: (3, S, S), the observed crop, for a panel at the side of the photo.
         drawing: (3, S, S), the generator's picture, for another.
         mask: (H, W) array or tensor, whose outline is drawn in white.
         caption: line or lines for the strip below.
@@ -110,16 +112,19 @@ def draw_frame(
     caption: str,
     pose: tuple[Any, Any, Any, Any] | None = None,
     outline: tuple[NDArray[np.float32], Crop] | None = None,
+    confidence: float | None = None,
 ) -> Picture:
     """Draw a pose on its frame of a video.
 
-    The frame is shown 480 to 640 pixels long, with sides of even numbers, as videos need them.
+    The frame is shown 480 to 640 pixels long, with sides of even numbers, as videos need them. A bar along its lower
+    edge shows the confidence; bar and outline are green where it is high, amber, and red where it is low.
 
     Args:
         image: (H, W, 3) array or tensor, RGB in [0, 1].
         caption: a few words for the upper left corner.
         pose: rotation, translation, size and intrinsics, arrays or tensors as `draw_overlay` takes them.
-        outline: silhouette (S, S) of the drawing, above 1/2 on the object, in the pixels of the crop beside it.
+        outline: silhouette (S, S) of the drawing, above 1/2 on the object, in the pixels of the crop.
+        confidence: of the pose, in [0, 1].
 
     Returns:
         (height, width, 3) RGB bytes.
@@ -133,16 +138,21 @@ def draw_frame(
     if outline is not None:
         silhouette, crop = outline
         to_shown = (move @ crop.crop_to_image).numpy()[:2]
-        _draw_outline(shown, cv2.warpAffine(silhouette, to_shown, (shown.shape[1], shown.shape[0])), thick)
+        color = OUTLINE if confidence is None else LEVELS[confidence_level(confidence)]
+        _draw_outline(shown, cv2.warpAffine(silhouette, to_shown, (shown.shape[1], shown.shape[0])), thick, color)
     if pose is not None:
         rotation, translation, size, intrinsics = (torch.as_tensor(part).double() for part in pose)
         _draw_pose(shown, rotation, translation, size, move @ intrinsics, thick)
     _write(shown, caption, thick)
+    if confidence is not None:
+        high, wide = round(5 * thick), round(confidence * shown.shape[1])
+        shown[-high:] = INK
+        shown[-high:, :wide] = LEVELS[confidence_level(confidence)]
     return shown
 
 
 def _photo_to_draw_on(image: Any) -> tuple[Picture, Tensor, float]:
-    """A photo as large as it is shown, the map (3, 3) of its pixels to those shown, and how thick lines are."""
+    """Return the photo at display size, the map (3, 3) of its pixels to the display's, and the width of lines."""
     photo = _bytes(torch.as_tensor(image))
     factor = min(max(SMALLEST, max(photo.shape[:2])), LARGEST) / max(photo.shape[:2])
     photo = _resized(photo, round(photo.shape[1] * factor), round(photo.shape[0] * factor))
@@ -178,13 +188,13 @@ def _draw_pose(
         _tag(photo, name, ends[k + 1], colour, thick)
 
 
-def _draw_outline(photo: Picture, mask: NDArray[np.float32], thick: float) -> None:
+def _draw_outline(photo: Picture, mask: NDArray[np.float32], thick: float, color: Colour = OUTLINE) -> None:
     large = cv2.resize(mask, (photo.shape[1], photo.shape[0]), interpolation=cv2.INTER_LINEAR)
     outlines, _ = cv2.findContours((large > 0.5).astype(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
     rim, line = photo.copy(), max(1, round(thick))
     cv2.polylines(rim, outlines, True, INK, line + 2, cv2.LINE_AA)  # or it is lost on a white object
     cv2.addWeighted(rim, 0.6, photo, 0.4, 0, dst=photo)
-    cv2.polylines(photo, outlines, True, OUTLINE, line, cv2.LINE_AA)
+    cv2.polylines(photo, outlines, True, color, line, cv2.LINE_AA)
 
 
 def _line(picture: Picture, start: Tensor, end: Tensor, colour: Colour, thick: float) -> None:

@@ -17,6 +17,7 @@ from torch import Tensor
 from kfit.geometry import CATEGORIES, EDGES, box_corners, rotation_from_angles
 from kfit.pose import PoseResult
 from kfit.reports.inline_svg import ACCENT, INK, MUTED, PAPER, inline_svg, styled
+from kfit.reports.words import camera_angles, view_words
 
 Points = NDArray[np.float64]
 
@@ -27,15 +28,6 @@ LABELLED = 4  # poses at most, the heaviest
 BOX, AXES = "#e09a00", (("x", "#e62828"), ("y", "#1eaa3c"), ("z", "#4a7dff"))
 
 
-def camera_angles(rotation: NDArray[np.float64], translation: NDArray[np.float64]) -> tuple[float, float]:
-    """Azimuth and elevation in degrees of the camera, about the object.
-
-    It sits at −Rᵀt in the object's axes, of which y points up: (−cos e sin a, sin e, cos e cos a) times its distance.
-    """
-    x, y, z = -rotation.T @ translation
-    return math.degrees(math.atan2(-x, z)), math.degrees(math.atan2(y, math.hypot(x, z)))
-
-
 def view_sphere(result: PoseResult) -> Markup:
     """Draw the sphere of views as seen from outside, turned so that the answer is in front.
 
@@ -43,9 +35,9 @@ def view_sphere(result: PoseResult) -> Markup:
     the middle lie the object's box and axes. For an object that looks the same turned about y, circles are the views
     that differ by such a turn.
     """
-    places = [camera_angles(found.rotation, result.translation) for found in result.alternatives]
+    places = [camera_angles(found.rotation, result.translation)[:2] for found in result.alternatives]
     turned, above = places[0]
-    # A camera at azimuth a sees the object turned by a; this onlooker stands beside the answer's and higher.
+    # A camera at azimuth a sees the object rotated by a; this view is from the side of the answer's, and higher.
     onlooker = rotation_from_angles(*torch.tensor([turned + 30, min(max(above, 0) / 2 + 20, 60), 0]).double().deg2rad())
     with styled():
         figure = Figure(figsize=(SIDE, SIDE))
@@ -59,11 +51,12 @@ def view_sphere(result: PoseResult) -> Markup:
                 colour = ACCENT if found is result.alternatives[0] else INK
                 _circle(plot, onlooker, _around(elevation), colour, 1.6, 1.0, 0.35)
         _poses(plot, onlooker, places, [found.weight for found in result.alternatives])
-        told = ", ".join(
-            f"azimuth {azimuth:.0f}° and elevation {elevation:.0f}° with {100 * found.weight:.0f} % of the weight"
-            for found, (azimuth, elevation) in zip(result.alternatives[:LABELLED], places, strict=False)
+        told = "; ".join(
+            view_words(result.category, found.rotation, result.translation)
+            + f", {100 * found.weight:.0f} % of the weight"
+            for found in result.alternatives[:LABELLED]
         )
-        return inline_svg(figure, f"Sphere of views about the object; the camera is at {told}")
+        return inline_svg(figure, f"Sphere of views about the object: {told}")
 
 
 def _poses(plot: Axes, onlooker: Tensor, places: Sequence[tuple[float, float]], weights: Sequence[float]) -> None:

@@ -1,14 +1,19 @@
 """What a visitor hands in is kept apart and deleted."""
 
 import json
+import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import kfit
-from kfit.app import session
-from kfit.app.session import Session, Sessions
+from kfit.app import session, sessions
+from kfit.app.downloads import FILES, snippet_of
+from kfit.app.examples import EXAMPLES
+from kfit.app.session import Session
+from kfit.app.sessions import Sessions
 from kfit.app.watched import Drawn
 from kfit.pose import PoseResult
 from kfit.pose.object_finder import FoundObject
@@ -91,12 +96,54 @@ def test_an_uploaded_mask_does_without_a_box(visit, upload, drawn_mug):
     assert visit.mask.any()
 
 
-def test_the_example_is_ready_to_be_fitted_and_its_mask_is_the_examples_folders(visit):
-    visit.take_example()
-    assert visit.photo.image.shape == (400, 600, 3)
-    assert visit.mask.shape == (400, 600)
+@pytest.mark.parametrize("example", EXAMPLES, ids=lambda example: example.name)
+def test_an_example_has_a_mask_of_its_size_and_a_category(visit, example):
+    visit.take_example(example)
+    assert visit.mask.shape == visit.photo.image.shape[:2]
+    assert 0.02 < visit.mask.mean() < 0.5
+    assert visit.category == example.category
+    assert visit.command("mug") == f"kfit pose {example.name}.png --category mug --mask mask.png"
+
+
+def test_the_cups_mask_is_that_of_the_examples_folder():
     examples = Path(kfit.__file__).parents[1] / "examples"
-    assert session.EXAMPLE_MASK.read_bytes() == (examples / "coffee_mask.png").read_bytes()
+    assert EXAMPLES[0].mask.read_bytes() == (examples / "coffee_mask.png").read_bytes()
+
+
+def test_a_brush_adds_to_a_mask_and_takes_from_it(visit, upload, drawn_mug):
+    visit.take(upload(drawn_mug))
+    before = visit.mask.copy()
+    visit.paint([(0.05, 0.05), (0.05, 0.5)], keep=True)
+    assert visit.mask[10, 6] == 1
+    assert visit.mask.sum() > (before > 0.5).sum()
+    visit.paint([(0.05, 0.05), (0.05, 0.5)], keep=False)
+    assert visit.mask[10, 6] == 0
+    assert visit.command("mug") == "kfit pose mug.png --category mug --mask mask.png"
+    everywhere = [(x, y) for y in np.linspace(0, 1, 60) for x in (0, 1)]
+    with pytest.raises(ValueError, match=r"^Nothing would be left"):
+        visit.paint(everywhere, keep=False)
+    assert visit.mask.any()
+
+
+def test_a_brush_needs_a_mask(visit, upload, drawn_mug):
+    visit.take(upload(drawn_mug[..., :3]))
+    visit.target = None
+    with pytest.raises(ValueError, match=r"^Draw a box around the object first"):
+        visit.paint([(0.5, 0.5)], keep=True)
+
+
+def test_camera_and_depth_are_part_of_the_command_and_of_the_program(visit, upload, drawn_mug):
+    visit.take(upload(drawn_mug))
+    visit.take_depth(upload(np.full((128, 128), 500, np.uint16), "depth.png"))
+    assert visit.depth.max() == pytest.approx(0.5)
+    with pytest.raises(ValueError, match="9 x 9"):
+        visit.take_depth(upload(np.full((9, 9), 500, np.uint16), "small.png"))
+    command = visit.command("bowl", (600, 600, 63.5, 63.5))
+    assert command == "kfit pose mug.png --category bowl --intrinsics 600 600 63.5 63.5 --depth depth.png"
+    program = snippet_of("my mug.png", "mug", (600, 600, 63.5, 63.5), "depth.png")
+    compile(program, "repeat.py", "exec")
+    assert "read_photo('my mug.png')" in program
+    assert "depth_from_file('depth.png', image.image.shape[:2])" in program
 
 
 def test_what_is_still_to_be_given_is_asked_for(visit, upload, drawn_mug):
@@ -108,7 +155,7 @@ def test_what_is_still_to_be_given_is_asked_for(visit, upload, drawn_mug):
         visit.fit(None)
 
 
-def test_a_fit_can_be_downloaded_as_report_and_numbers(visit, upload, drawn_mug, monkeypatch):
+def test_a_fit_can_be_downloaded_in_all_its_forms(visit, upload, drawn_mug, monkeypatch):
     asked = []
 
     def report(result, path, command=None):
@@ -121,11 +168,12 @@ def test_a_fit_can_be_downloaded_as_report_and_numbers(visit, upload, drawn_mug,
     *drawn, result = visit.fit("mug")
     assert all(isinstance(one, Drawn) for one in drawn)
     assert isinstance(result, PoseResult)
-    page, numbers = visit.write(result)
+    files = visit.write(result)
     assert asked == [("mug", visit.command("mug"))]
-    assert page.read_text() == "<!doctype html>"
-    assert json.loads(numbers.read_text()) == json.loads(json.dumps(result.to_dict()))
-    assert sorted(path.name for path in visit.folder.iterdir()) == ["pose.json", "report.html"]
+    assert files["report.html"].read_text() == "<!doctype html>"
+    assert json.loads(files["pose.json"].read_text()) == json.loads(json.dumps(result.to_dict()))
+    assert {path.name for path in visit.folder.iterdir()} == set(files) == set(FILES)
+    visit.write(replace(result, surface=None))
     visit.close()
     assert not visit.folder.exists()
 
@@ -139,51 +187,65 @@ def test_a_fit_that_ends_after_the_visit_leaves_no_folder_behind(visit, upload, 
 
 
 def test_sessions_are_apart_and_closing_one_leaves_the_others(tmp_path, upload, drawn_mug):
-    sessions = Sessions(tmp_path)
-    one, two = sessions.of("one"), sessions.of("two")
-    assert sessions.of("one") is one
+    visits = Sessions(tmp_path)
+    one, two = visits.of("one"), visits.of("two")
+    assert visits.of("one") is one
     assert one.folder != two.folder
     one.take(upload(drawn_mug))
     assert two.photo is None
-    sessions.close("one")
-    sessions.close("one")
-    assert len(sessions) == 1
+    visits.close("one")
+    visits.close("one")
+    assert len(visits) == 1
     assert one.photo is None
     assert not one.folder.exists()
     assert two.folder.exists()
-    assert sessions.of("one") is not one
+    assert visits.of("one") is not one
+
+
+def test_a_visit_that_comes_back_soon_is_kept(tmp_path, monkeypatch):
+    kept = Sessions(tmp_path)
+    first = kept.of("one")
+    kept.leave("one")
+    assert kept.of("one") is first
+    monkeypatch.setattr(sessions, "GRACE", 0.01)
+    kept.leave("one")
+    deadline = time.monotonic() + 10
+    while len(kept) and time.monotonic() < deadline:
+        time.sleep(0.01)
+    assert len(kept) == 0
+    assert not first.folder.exists()
 
 
 def test_the_session_used_longest_ago_makes_room(tmp_path):
-    sessions = Sessions(tmp_path)
-    first = sessions.of("0")
-    second = sessions.of("1")
-    for k in range(2, session.MOST_SESSIONS):
-        sessions.of(str(k))
-    sessions.of("0")
-    sessions.of("one more")
-    assert len(sessions) == session.MOST_SESSIONS
+    visits = Sessions(tmp_path)
+    first = visits.of("0")
+    second = visits.of("1")
+    for k in range(2, sessions.MOST_SESSIONS):
+        visits.of(str(k))
+    visits.of("0")
+    visits.of("one more")
+    assert len(visits) == sessions.MOST_SESSIONS
     assert first.folder.exists()
     assert not second.folder.exists()
 
 
 def test_sessions_that_wait_for_their_fits_make_no_room(tmp_path):
-    sessions = Sessions(tmp_path)
-    waiting = [sessions.of(str(k)) for k in range(4)]
+    visits = Sessions(tmp_path)
+    waiting = [visits.of(str(k)) for k in range(4)]
     for one in waiting:
         one.busy = True
     for k in range(4, 50):
-        sessions.of(str(k))
-    assert len(sessions) == session.MOST_SESSIONS
-    assert all(sessions.of(str(k)) is one for k, one in enumerate(waiting))
+        visits.of(str(k))
+    assert len(visits) == sessions.MOST_SESSIONS
+    assert all(visits.of(str(k)) is one for k, one in enumerate(waiting))
 
 
 def test_large_photos_make_room_earlier(tmp_path, monkeypatch):
-    monkeypatch.setattr(session, "MOST_PIXELS", 10_000)
-    sessions = Sessions(tmp_path)
-    first, second = sessions.of("0"), sessions.of("1")
+    monkeypatch.setattr(sessions, "MOST_PIXELS", 10_000)
+    visits = Sessions(tmp_path)
+    first, second = visits.of("0"), visits.of("1")
     first.photo = second.photo = Photo(np.zeros((80, 80, 3), np.float32))
-    sessions.of("2")
-    assert len(sessions) == 2
+    visits.of("2")
+    assert len(visits) == 2
     assert not first.folder.exists()
     assert second.photo is not None

@@ -42,6 +42,8 @@ def test_each_step_is_told_once_and_the_answer_is_that_of_an_unwatched_fit(model
     assert {"a note", "a doubt"} <= set(result.notes)
     assert np.abs(told[-1].drawing - result.drawing).max() < 1e-3
     assert np.abs(told[0].drawing - result.drawing).max() > 0.05
+    assert told[-1].silhouette.max() > 0.9
+    assert told[0].crop.side == result.crop.side
     assert np.array_equal(told[0].seen, result.observation.image[0].movedim(0, -1).numpy())
 
 

@@ -32,7 +32,7 @@ def model(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     path = tmp_path / "tiny.safetensors"
     write_model(path, networks, Card("mug", said, 4.0, 1.0, (-15.0, 75.0), "y up", "none", 0.17))
     whole = CategoryModel.pipeline
-    monkeypatch.setattr(CategoryModel, "pipeline", lambda self, depth=False: whole(self, 3, 2, depth=depth))
+    monkeypatch.setattr(CategoryModel, "pipeline", lambda self, **how: whole(self, 3, 2, **how))
     return path
 
 

@@ -32,12 +32,14 @@ def examples_of(text):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_every_option_tells_what_it_is_without_and_every_argument_what_it_means(name, capsys):
+def test_every_option_tells_its_default_and_every_argument_what_it_means(name, capsys):
     actions = [one for one in parser_of(name)._actions if not isinstance(one, argparse._SubParsersAction)]
     assert all(one.help for one in actions)
     options = [one for one in actions if one.option_strings and not GENERAL & set(one.option_strings)]
+    told = [one for one in options if one.required or one.default is not None or "(default: " in one.help]
     text = " ".join(page_of(name, capsys).split())
-    assert text.count("(default: ") + text.count("(required)") == len(options)
+    assert text.count("(default: ") + text.count("(required)") == len(told)
+    assert "(default: none)" not in text
     assert "null" not in text
     assert "type:" not in text
 
@@ -86,11 +88,15 @@ def test_every_command_shows_the_general_options(capsys):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ([*["pose", "--category", "mug"]], "pose.photo; `kfit pose --help` tells more"),
+        ([*["pose", "--category", "mug"]], "pose.photo; `kfit pose --help` shows the usage"),
         (["nonsense"], "invalid choice: 'nonsense'"),
-        ([*["bench", "accuracy", "--views", "many"]], "`kfit bench accuracy --help` tells more"),
-        ([*["bench", "nonsense"]], "`kfit bench --help` tells more"),
-        (["info", "--nonsense"], "unrecognized arguments: --nonsense; `kfit info --help` tells more"),
+        ([*["bench", "accuracy", "--views", "many"]], "`kfit bench accuracy --help` shows the usage"),
+        ([*["bench", "nonsense"]], "`kfit bench --help` shows the usage"),
+        (["info", "--nonsense"], "unrecognized arguments: --nonsense; `kfit info --help` shows the usage"),
+        (["poes", "a.jpg"], "did you mean pose? `kfit --help` shows the usage"),
+        (["pose", "a.jpg", "--catgory", "mug"], "--catgory mug; did you mean --category? `kfit pose --help` shows"),
+        (["bench", "acuracy"], "did you mean accuracy? `kfit bench --help` shows the usage"),
+        (["fitt", "-c", "recipe.yaml"], "did you mean fit? `kfit --help` shows the usage"),
     ],
 )
 def test_wrong_words_get_one_sentence_that_names_the_page(words, said, capsys):

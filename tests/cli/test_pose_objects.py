@@ -61,6 +61,17 @@ def test_what_is_of_one_photo_is_refused_for_several(capsys: pytest.CaptureFixtu
         assert f"{words[0]} is of one photo, but 2 were given" in capsys.readouterr().err
 
 
+def test_a_wrong_recipe_is_refused_before_any_of_several_photos_is_read(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("a.png", "b.png"):
+        (tmp_path / name).write_bytes(b"no picture")
+    with pytest.raises(SystemExit) as end:
+        main(["pose", str(tmp_path), "--fit", "gone.yaml", "--out", str(tmp_path / "out")])
+    assert end.value.code == 2
+    assert capsys.readouterr().err == "kfit: there is no recipe gone.yaml\n"
+
+
 @pytest.mark.slow
 def test_a_photo_alone_and_a_folder_are_enough(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     photos = tmp_path / "photos"

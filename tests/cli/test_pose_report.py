@@ -41,6 +41,16 @@ def test_page_and_animation_are_written_where_they_are_asked_for(
         assert moving.n_frames == 17
 
 
+@pytest.mark.slow
+def test_open_shows_a_page_that_nobody_named(cutout: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    opened: list[Path] = []
+    monkeypatch.setattr("kfit.runtime.browser.open_files", opened.extend)
+    monkeypatch.chdir(tmp_path)
+    main(["pose", str(cutout), "--category", "mug", "--open"])
+    assert opened == [Path("kfit_out/report.html")]
+    assert "kfitScene" in opened[0].read_text(encoding="utf-8")
+
+
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [

@@ -59,10 +59,14 @@ def test_a_clip_is_followed(videos: Path, truth: Clip, tmp_path: Path, capsys: p
     mask = str(videos / "masks/8.png")
     main(["video", str(videos / "clip.mp4"), "--category", "laptop", "--mask", mask, "--out", str(tmp_path), *CAMERA])
     printed = capsys.readouterr()
-    assert printed.out.startswith("laptop found in 4 of 4 frames, 4 of them with a confidence above 50 %, ")
+    assert printed.out.startswith("laptop found in 4 of 4 frames; confidence ")
     assert len(printed.out.splitlines()) == 1
     assert printed.err == ""
     said, frames = answers(tmp_path)
+    confidences = [frame["confidence"] for frame in frames]
+    assert said["summary"]["frames"] == said["summary"]["found"] == 4
+    assert said["summary"]["high_confidence"] == sum(confidence >= 0.8 for confidence in confidences)
+    assert said["summary"]["median_confidence"] == sorted(confidences)[2]
     assert (said["category"], said["intrinsics_from"], said["intrinsics"][0][0]) == ("laptop", "given", 384)
     assert [frame["frame"] for frame in frames] == [0, 1, 2, 3]
     assert [frame["time"] for frame in frames] == pytest.approx([0, 0.05, 0.1, 0.15])
@@ -81,6 +85,7 @@ def test_a_folder_is_tracked_by_its_masks_and_an_empty_frame_has_no_pose(
     main(["video", str(videos / "frames"), "--category", "laptop", *given])
     printed = capsys.readouterr()
     assert printed.out.startswith("laptop found in 3 of 4 frames, ")
+    assert "1 time anew; confidence " in printed.out
     assert "estimated" in printed.err
     said, frames = answers(tmp_path)
     assert "estimated" in " ".join(said["notes"])

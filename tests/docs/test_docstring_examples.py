@@ -19,6 +19,7 @@ MODULES = [
 ]
 ROOMS = [
     "core",
+    "data",
     "energies",
     "features",
     "fitting",
@@ -26,7 +27,9 @@ ROOMS = [
     "geometry",
     "initializers",
     "metrics",
+    "models",
     "optimizers",
+    "pose",
     "registration",
     "selectors",
     "callbacks",

@@ -1,10 +1,13 @@
 from __future__ import annotations
 
+import base64
+import json
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 from fitted import KEPT, PRUNED_AT, STARTS, STEPS, fitted_mug
@@ -15,6 +18,8 @@ from kfit.core import Observation
 from kfit.pose.observed_object import ObservedObject as ObservedObject
 from kfit.reports.fit_frames import fit_frames
 from kfit.reports.html_page import number, page
+from kfit.reports.scene import scene
+from kfit.reports.words import words_of
 
 NASTY = "<script>alert('1')</script> & <b>bold</b>"
 
@@ -69,7 +74,7 @@ def test_every_picture_says_what_it_shows(tags: Tags) -> None:
     assert len(set(alts)) == len(alts)
     assert [role for role, _ in plots] == ["img", "img"]
     assert f"{STARTS} starts, of which 2 were given up" in str(plots[0][1])
-    assert "the camera is at azimuth" in str(plots[1][1])
+    assert "Sphere of views about the object: seen from " in str(plots[1][1])
 
 
 def test_the_slider_has_a_frame_for_each_step_and_begins_at_the_answer(tags: Tags) -> None:
@@ -113,13 +118,34 @@ def test_text_from_outside_is_escaped() -> None:
     tags = Tags(text)
     assert NASTY not in text
     assert tags.said.count(NASTY) == 2
-    assert len(tags.of("script")) == 1
+    assert json.loads(re.findall(r'id="json">(.*?)</script>', text)[0])["notes"] == [NASTY]
+    assert [script.get("type") for script in tags.of("script")] == ["application/json", None]
     assert not tags.of("b")
 
 
-def test_an_object_that_may_turn_has_no_angle_around() -> None:
-    assert "° around" in Tags(page(fitted_mug())).said
-    assert "° around" not in Tags(page(fitted_mug("can"))).said
+def test_the_answer_is_in_the_words_of_the_command_line(tags: Tags) -> None:
+    words = words_of(fitted_mug())
+    for part in (words.view, words.size, words.distance, words.confidence, words.meaning):
+        assert part in tags.said
+    assert "handle" in words.view
+    assert "handle" not in words_of(fitted_mug("can")).view
+
+
+def test_the_3d_view_has_mesh_box_and_a_camera_for_each_alternative(text: str) -> None:
+    result = fitted_mug()
+    made = scene(result)
+    assert np.linalg.norm(made["size"]) == pytest.approx(1, abs=1e-3)
+    vertices = np.frombuffer(base64.b64decode(made["mesh"]["vertices"]), "<i2").reshape(-1, 3) / 32767
+    faces = np.frombuffer(base64.b64decode(made["mesh"]["faces"]), "<u4")
+    mesh = result.mesh()
+    np.testing.assert_allclose(vertices * np.linalg.norm(result.size), mesh.vertices, atol=1e-5)
+    assert faces.tolist() == mesh.faces.ravel().tolist()
+    assert len(made["views"]) == len(result.alternatives)
+    camera = -result.rotation.T @ result.translation
+    place = np.array(made["views"][0]["place"])
+    assert place @ camera == pytest.approx(np.linalg.norm(place) * np.linalg.norm(camera), rel=1e-3)
+    assert json.dumps(made["views"][0]["place"]) in text
+    assert scene(replace(result, surface=None))["mesh"] is None
 
 
 def test_report_writes_the_page_and_tells_where(tmp_path: Path) -> None:

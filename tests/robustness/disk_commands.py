@@ -22,6 +22,7 @@ import torch
 from skimage.io import imsave
 
 import kfit.models
+import kfit.pose.targets
 from kfit.bench import page as bench_page
 from kfit.cli.main import main
 from kfit.data import build, dump_pickle, pose_view
@@ -29,7 +30,9 @@ from kfit.data.views import build_views
 from kfit.generators import VAE3D, ConvEncoder, ExtentsHead
 from kfit.models import load, write_model
 from kfit.pose import Card, CategoryModel
+from kfit.pose.object_finder import FoundObject, box_of
 from kfit.runtime.console import session
+from kfit.segmentation import Segment
 from kfit.tracking import TrackedPose, Tracker
 
 Command = Callable[[], object]
@@ -85,9 +88,11 @@ def commands(here: Path) -> dict[str, Command]:
     model = load("laptop")
     result = replace(model.pose(view.image, mask=view.mask, pipeline=model.pipeline(2, 2)), notes=())
     CategoryModel.pose = lambda *args, **how: result  # type: ignore[method-assign]
+    found = FoundObject("laptop", 0.9, box_of(view.mask), Segment(view.mask))
+    kfit.pose.targets.find_targets = lambda *args: [found]  # type: ignore[assignment]
     kfit.tracking.Tracker = Still  # type: ignore[misc]
     whole = CategoryModel.pipeline
-    CategoryModel.pipeline = lambda self, depth=False: whole(self, 3, 2, depth=depth)  # type: ignore[method-assign,assignment]
+    CategoryModel.pipeline = lambda self, **how: whole(self, 3, 2, **how)  # type: ignore[method-assign,assignment]
     photo, frames = here / "photo.png", here / "frames"
     imsave(photo, (255 * view.image).round().astype(np.uint8), check_contrast=False)
     frames.mkdir()
@@ -95,7 +100,7 @@ def commands(here: Path) -> dict[str, Command]:
     for number in range(12):
         imsave(frames / f"{number}.png", rng.integers(0, 255, (128, 128, 3), np.uint8), check_contrast=False)
     write_results(here / "ours")
-    pose = ["pose", str(photo), "--category", "laptop"]
+    pose = ["pose", str(photo), "--category", "laptop", "--quiet"]
 
     def calibrate() -> None:
         if not Path("tiny.safetensors").exists():
@@ -107,7 +112,7 @@ def commands(here: Path) -> dict[str, Command]:
         "page": lambda: main([*pose, "--report", "pages/page.html"]),
         "gif": lambda: main([*pose, "--animation", "fit.gif"]),
         "mp4": lambda: main([*pose, "--animation", "fit.mp4"]),
-        "video": lambda: main(["video", str(frames), "--category", "laptop", "--mask", str(photo)]),
+        "video": lambda: main(["video", str(frames), "--category", "laptop", "--mask", str(photo), "--quiet"]),
         "model": as_command(lambda: write_tiny(Path("models/tiny.safetensors"))),
         "calibrate": calibrate,
         "evaluate": lambda: main(["evaluate", str(here / "ours"), "--out", "scores"]),

@@ -30,7 +30,7 @@ NEEDED = {
     "pose": ["photo.png"], "video": ["frames"], "evaluate": ["results"],
     "pack": ["last.ckpt", "--out", "m.safetensors"], "calibrate": ["--model", "m.safetensors"],
     "export": ["mug", "--out", "o"], "completion": ["bash"],
-    "bench speed": ["--model", "m.safetensors"],
+    "bench speed": ["--model", "m.safetensors"], "bench photos": ["photos"],
 }  # fmt: skip
 
 
@@ -145,9 +145,8 @@ def test_unknown_options_and_beginnings_of_known_ones_are_refused(
         assert word in refused([*name.split(), *NEEDED.get(name, []), word], capsys)
 
 
-WRITTEN = [
-    (name, a.option_strings[0]) for name, a in OPTIONS if a.dest in ("out", "report", "animation", "runs", "cache")
-]
+PLACES = ("out", "report", "animation", "mesh", "runs", "cache")
+WRITTEN = [(name, a.option_strings[0]) for name, a in OPTIONS if a.dest in PLACES]
 
 
 @pytest.mark.slow
@@ -158,7 +157,9 @@ def test_a_place_that_cannot_be_written_to_is_refused_before_any_work(
     monkeypatch.setattr(RUNS[name], "run", reach)
     (tmp_path / "file").touch()
     (tmp_path / "folder.safetensors").mkdir()
-    ends = {"--report": "p.html", "--animation": "p.gif"}.get(option, "m.safetensors" if name == "pack" else "")
+    ends = {"--report": "p.html", "--animation": "p.gif", "--mesh": "p.glb"}.get(
+        option, "m.safetensors" if name == "pack" else ""
+    )
     for place in ("", f"{tmp_path}/file/{ends}", f"{tmp_path}/file/under/{ends}", f"{tmp_path}/{'x' * 300}/{ends}"):
         assert option in refused(with_option(name, option, place), capsys)
     with pytest.raises(Reached):
@@ -214,6 +215,7 @@ READ = {
     "bench optimizers --category": ([], ""),
     "bench following --categories": ([], ""),
     "bench training --recipes": ([], ".yaml"),
+    "bench photos folder": ([], ""),
 }
 
 

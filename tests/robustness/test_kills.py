@@ -70,7 +70,7 @@ def arrays(path: Path) -> dict[str, np.ndarray]:
 
 def test_views_are_built_through_kills(tmp_path: Path) -> None:
     def build(path: Path) -> Path:
-        return build_views(path, "mug", 40, 2, image_size=24)
+        return build_views(path, "mug", 16, 2, image_size=24)
 
     begun = time.perf_counter()
     whole = arrays(build(tmp_path / "whole.h5"))
@@ -96,7 +96,7 @@ def test_views_are_built_through_kills(tmp_path: Path) -> None:
 
 def test_two_processes_that_build_the_same_views_end_with_one_file(tmp_path: Path) -> None:
     path = tmp_path / "views.h5"
-    processes = [start(lambda: build_views(path, "mug", 40, 2, image_size=24)) for _ in range(2)]
+    processes = [start(lambda: build_views(path, "mug", 16, 2, image_size=24)) for _ in range(2)]
     assert [os.waitpid(process, 0)[1] for process in processes] == [0, 0]
     whole = arrays(build_views(tmp_path / "whole.h5", "mug", 40, 2, image_size=24))
     for name, array in arrays(path).items():

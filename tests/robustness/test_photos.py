@@ -19,6 +19,7 @@ from kfit.fitting.pipeline import FitPipeline
 from kfit.pose.category_model import CategoryModel
 from kfit.pose.observed_object import ObservedObject
 from kfit.segmentation import Frames, Photo, depth_from_file, mask_from_alpha, mask_from_file, read_photo
+from kfit.segmentation.photo import LARGEST_PICTURE, LARGEST_SIDE
 
 RNG = np.random.default_rng(0)
 PIXELS = RNG.integers(0, 256, (48, 64, 3), np.uint8)
@@ -255,14 +256,16 @@ def test_a_folder_of_odd_frames_ends_in_a_sentence(files: dict[str, Any], told: 
 @pytest.mark.parametrize("depth", [False, True])
 def test_pictures_of_few_pixels_are_answered(size: tuple[int, int], depth: bool, mug: CategoryModel) -> None:
     image, mask = np.full((*size, 3), 128, np.uint8), np.ones(size, np.float32)
-    answer = mug.pose(image, mask=mask, depth=mask if depth else None)
+    near = 0.12 * mask if depth else None  # metres, at which the assumed lens makes the picture as large as a mug
+    answer = mug.pose(image, mask=mask, depth=near, pipeline=mug.pipeline(2, 2, depth=depth, lens_known=False))
     assert np.isfinite(answer.rotation).all()
     assert np.isfinite(answer.translation).all()
 
 
 @pytest.mark.slow
 def test_the_largest_picture_is_read_in_three_gigabytes(tmp_path: Path) -> None:
-    Image.new("RGB", (10_000, 10_000), (9, 9, 9)).save(tmp_path / "p.png")
+    assert LARGEST_PICTURE % LARGEST_SIDE == 0
+    Image.new("RGB", (LARGEST_SIDE, LARGEST_PICTURE // LARGEST_SIDE), (9, 9, 9)).save(tmp_path / "p.png")
     tracemalloc.start()
     check_read(read_photo(tmp_path / "p.png"))
     assert tracemalloc.get_traced_memory()[1] < 3e9

@@ -57,7 +57,8 @@ class TestThreads:
         views = [seen(name, 3) for name in names]
 
         def pose(number: int) -> PoseResult:
-            return kfit.load(names[number]).pose(views[number].image, mask=views[number].mask, seed=number)
+            model, view = kfit.load(names[number]), views[number]
+            return model.pose(view.image, mask=view.mask, seed=number, pipeline=model.pipeline(2, 2))
 
         alone = [pose(number) for number in range(THREADS)]
         for one, other in zip(at_once(pose), alone, strict=True):

@@ -20,9 +20,10 @@ SIDE = 16
 
 
 def networks(category):
-    torch.manual_seed(1)
     sizes = {"code_dim": 4, "volume_dims": [8, 4], "num_samples": 4, "image_size": SIDE, "refined": False}
-    return RadianceField(**sizes).eval(), ConvEncoder(code_dim=4, channels=[8, 8, 8], image_size=SIDE).eval()
+    with torch.random.fork_rng():
+        torch.manual_seed(1)
+        return RadianceField(**sizes).eval(), ConvEncoder(code_dim=4, channels=[8, 8, 8], image_size=SIDE).eval()
 
 
 def build(**changes):
@@ -183,7 +184,8 @@ def test_some_steps_lessen_the_loss_and_the_checkpoint_has_the_refiner_alone(tmp
         default_root_dir=tmp_path, max_epochs=25, accelerator="cpu", logger=False, enable_checkpointing=False,
         enable_progress_bar=False, enable_model_summary=False,
     )  # fmt: skip
-    trainer.fit(module, DataLoader([given], batch_size=None))
+    one = DataLoader([given], batch_size=None)
+    trainer.fit(module, one, one)
     torch.manual_seed(3)
     assert loss() < before
     trainer.save_checkpoint(tmp_path / "all.ckpt")

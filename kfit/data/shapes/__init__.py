@@ -1,4 +1,4 @@
-"""Procedural objects of the six NOCS categories, each with shape and texture families of which some are held out."""
+"""Procedural objects of the six NOCS categories, with shape and texture families, some of which are held out."""
 
 from __future__ import annotations
 
@@ -17,21 +17,27 @@ CATEGORIES = tuple(sorted(geometry.CATEGORIES, key=lambda name: geometry.CATEGOR
 
 
 VERSION = 9
-"""Raised whenever the same seed comes to give another object, so that views rendered before are rendered anew."""
+"""Incremented when a seed gives another object, so that cached views are rendered again."""
 
 
 def build(category: str, seed: int, held_out: bool = False) -> tuple[Mesh, Light]:
-    """One object and the light it stands in, the same for the same arguments on every machine.
+    """Build an object and its light, the same for the same arguments on every machine.
 
-    The object is in NOCS's frame: y up, centred at its box's centre, box diagonal 1, with its exposure baked.
+    The object is in NOCS's frame: y up, centred at its box's centre, box diagonal 1, with baked exposure.
 
     Args:
         category: One of ``CATEGORIES``.
         seed: Number of the object, at least 0.
-        held_out: Draw from the shape and texture families that training never sees, and only from those.
+        held_out: Whether to draw from the held-out shape and texture families, instead of those of training.
 
     Raises:
         ValueError: If the category is unknown or the seed negative.
+
+    Example:
+        >>> from kfit.data import build
+        >>> mug, light = build("mug", seed=0)
+        >>> mug.vertices.shape[1], bool(abs((mug.bounds[1] - mug.bounds[0]) ** 2).sum().round(3) == 1)
+        (3, True)
     """
     check_choice("category", category, CATEGORIES)
     check_count("seed", seed, 0)

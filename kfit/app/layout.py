@@ -1,0 +1,83 @@
+"""The parts of the page and where they stand."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import gradio as gr
+
+from kfit.app import views
+from kfit.app.downloads import FILES
+from kfit.app.uploads import ENDINGS, LARGEST_FILE, NAMES
+from kfit.models.load import bundled
+from kfit.reports.scene import VIEWER
+
+HERE = Path(__file__).parent
+HEAD = """<div class="kfit-head"><h1>kfit: fit a picture</h1><p>Finds where a mug, laptop, bottle, bowl, can or camera
+is and how it is turned, from one photo: a drawing of it is moved until it explains what is seen. Everything stays on
+this machine.</p></div>"""
+
+
+class Layout:
+    """All parts of the page, made within Gradio's Blocks."""
+
+    def __init__(self) -> None:
+        plain = {"elem_classes": ["kfit-plain"]}
+        self.token = gr.Textbox(visible="hidden", label="visit")
+        gr.HTML(HEAD, **plain)
+        self.steps = gr.HTML(views.steps(0), **plain)
+        with gr.Row():
+            with gr.Column(min_width=300):
+                self.drop = gr.File(
+                    label=f"Photo: {NAMES}, at most {LARGEST_FILE >> 20} MB", file_types=ENDINGS, height=170
+                )
+                self.cards = gr.HTML(views.cards(), js_on_load=_script("cards.js"), **plain)
+                self.photo_problem = gr.HTML("", **plain)
+                self.surface = gr.HTML(
+                    html_template=(HERE / "stage.html").read_text(encoding="utf-8"),
+                    js_on_load=_script("stage.js"),
+                    photo="",
+                    aspect=1.0,
+                    mask="",
+                    hint="",
+                    found="",
+                    **plain,
+                )
+                self.found = gr.Radio([], label="Found in the photo", visible=False)
+                with gr.Row(visible=False) as self.tools:
+                    self.other = gr.Button("Another photo", size="sm", min_width=120)
+                    self.mask = gr.UploadButton("Upload a mask", file_types=ENDINGS, size="sm", min_width=120)
+            with gr.Column(min_width=300, visible=False) as self.right:
+                self.category = gr.Radio(bundled(), label="What is it?")
+                with gr.Accordion("Camera and depth, if you know them", open=False):
+                    self.camera = gr.Textbox(
+                        label="Intrinsics in pixels: fx fy cx cy", placeholder="by EXIF tags, else estimated"
+                    )
+                    self.depth = gr.UploadButton(
+                        "Depth: 16-bit PNG of millimetres, or .npy of metres", file_types=[".png", ".npy"], size="sm"
+                    )
+                    self.depth_name = gr.HTML("", **plain)
+                self.fit = gr.Button("Fit", variant="primary", interactive=False)
+                self.stop = gr.Button("Stop", variant="stop", visible=False)
+                self.fit_problem = gr.HTML("", **plain)
+                self.view = gr.HTML(elem_classes=["kfit-plain", "kfit-view"])
+                self.solid = gr.HTML(
+                    html_template="${value}",
+                    js_on_load=f"{VIEWER.read_text(encoding='utf-8')}\n{_script('solid.js')}",
+                    scene="",
+                    visible=False,
+                    elem_classes=["kfit-plain", "kfit-solid"],
+                )
+                with gr.Row(visible=False) as self.downloads:
+                    self.files = {
+                        name: gr.DownloadButton(label, size="sm", min_width=120) for name, label in FILES.items()
+                    }
+
+    @property
+    def all(self) -> list[gr.components.Component]:
+        """Whatever an action may change."""
+        return [part for name, part in vars(self).items() if name not in ("files", "token")] + list(self.files.values())
+
+
+def _script(name: str) -> str:
+    return (HERE / name).read_text(encoding="utf-8")

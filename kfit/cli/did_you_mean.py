@@ -1,0 +1,36 @@
+"""Suggestions for misspelt commands and options."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from difflib import get_close_matches
+
+from jsonargparse import ArgumentParser
+
+
+def suggestion(words: Sequence[str], top: ArgumentParser, others: Iterable[str] = ()) -> str:
+    """Return " did you mean …?" for the first word that is no command or option where it stands, else "".
+
+    Args:
+        words: of the command line.
+        top: the parser of all commands.
+        others: commands that it leaves to other parsers.
+    """
+    here, known = top, set(others)
+    for word in words:
+        commands = {} if here._subcommands_action is None else here._subcommands_action.choices
+        if word in commands:
+            here, known = commands[word], set()
+            continue
+        if word.startswith("--"):
+            name, options = word.partition("=")[0], {name for name in here._option_string_actions if name[-1] != "+"}
+            if name not in options:
+                return _close(name, options)
+        elif commands:
+            return _close(word, {*commands, *known})
+    return ""
+
+
+def _close(word: str, known: Iterable[str]) -> str:
+    found = get_close_matches(word, sorted(known), n=1, cutoff=0.6)
+    return f" did you mean {found[0]}?" if found else ""
