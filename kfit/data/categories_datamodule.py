@@ -24,6 +24,11 @@ class CategoriesDataModule(LightningDataModule):
         cache_dir: Folder for rendered views.
         num_val_objects: Objects of each to validate on, and to test on.
         seed: Chooses objects, poses, pairs and their order.
+
+    Example:
+        >>> data = CategoriesDataModule(["mug", "can"], num_objects=100)
+        >>> list(data.parts)
+        ['mug', 'can']
     """
 
     def __init__(

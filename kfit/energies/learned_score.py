@@ -20,6 +20,14 @@ class LearnedScore(Energy):
 
     Args:
         refiner: as `kfit.features.PoseRefiner`.
+
+    Example:
+        >>> import torch
+        >>> from kfit.features import PoseRefiner
+        >>> score = LearnedScore(PoseRefiner(None).eval())  # untrained: all poses may as well be right as wrong
+        >>> pictures = {"image": torch.rand(1, 3, 64, 64), "mask": torch.ones(1, 1, 64, 64)}
+        >>> score(pictures, pictures).detach()
+        tensor([0.6931])
     """
 
     on = ("image", "mask")

@@ -41,6 +41,11 @@ class PoseRefiner(RefinerNetwork):
     Raises:
         FileNotFoundError: for a file that is missing.
         ValueError: for a setting out of range, or weights of other settings.
+
+    Example:
+        >>> refiner = PoseRefiner(None).eval()  # untrained, it leaves poses as they are
+        >>> refiner(torch.rand(2, 4, 64, 64), torch.rand(2, 4, 64, 64)).rotation.norm()
+        tensor(0., grad_fn=<LinalgVectorNormBackward0>)
     """
 
     units: Tensor

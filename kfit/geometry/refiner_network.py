@@ -9,6 +9,7 @@ import torch
 from kornia.geometry.conversions import axis_angle_to_rotation_matrix, rotation_matrix_to_axis_angle
 from torch import Tensor, nn
 
+from kfit.core.check import check_choice
 from kfit.core.part import Part
 from kfit.geometry.pose import Symmetry
 
@@ -27,6 +28,12 @@ class PoseUpdate(NamedTuple):
         log_spread: (N, 4) logarithms of the expected absolute errors of the update: of the tilt of the object's
             vertical axis and the turn about it, both in radians, of the shift, and of the log scale.
         logit: (N,) log-odds that the drawn rotation is right, before the update.
+
+    Example:
+        >>> zeros = torch.zeros(2, 4)
+        >>> still = PoseUpdate(zeros[:, :3], zeros[:, :2], zeros[:, 0], zeros, zeros[:, 0])
+        >>> still.logit.sigmoid()  # of two poses, each as likely right as wrong
+        tensor([0.5000, 0.5000])
     """
 
     rotation: Tensor
@@ -42,6 +49,14 @@ class RefinerNetwork(Part, nn.Module, ABC):
     Rotations are updated in the axes of the camera. There a turn of the picture turns the update, a mirror mirrors it,
     no pose is singular, and the same motion of the picture is the same update at every azimuth and for every category.
     Updates of azimuth, elevation and roll would depend on the pose: straight from above azimuth and roll are one.
+
+    Example:
+        >>> class Still(RefinerNetwork):
+        ...     def forward(self, observed, drawn):
+        ...         zeros = observed.new_zeros(len(observed), 4)
+        ...         return PoseUpdate(zeros[:, :3], zeros[:, :2], zeros[:, 0], zeros, zeros[:, 0])
+        >>> Still()(torch.rand(2, 4, 8, 8), torch.rand(2, 4, 8, 8)).rotation.shape
+        torch.Size([2, 3])
     """
 
     @abstractmethod
@@ -50,10 +65,16 @@ class RefinerNetwork(Part, nn.Module, ABC):
 
 
 def refiner_input(image: Tensor, mask: Tensor, weight: Tensor | None = None) -> Tensor:
-    """What a refiner sees of pictures (N, 3, S, S) and masks (N, 1, S, S): (N, 4, S, S), white where the weight is 0.
+    """Stack pictures (N, 3, S, S) and masks (N, 1, S, S) to a refiner's input (N, 4, S, S).
 
     Args:
-        weight: (N, 1, S, S), 0 where a pixel does not count; then photo and drawing are white there, and out of masks.
+        image: RGB in [0, 1] on white.
+        mask: in [0, 1].
+        weight: (N, 1, S, S), 0 where a pixel does not count: there the input is white and outside of the mask.
+
+    Example:
+        >>> refiner_input(torch.zeros(1, 3, 1, 2), torch.ones(1, 1, 1, 2), torch.tensor([[[[1.0, 0.0]]]]))[0, :, 0, 1]
+        tensor([1., 1., 1., 0.])
     """
     if weight is not None:
         image, mask = torch.where(weight > 0, image, 1.0), torch.where(weight > 0, mask, 0.0)
@@ -61,16 +82,34 @@ def refiner_input(image: Tensor, mask: Tensor, weight: Tensor | None = None) -> 
 
 
 def updated_rotation(rotation: Tensor, update: Tensor) -> Tensor:
-    """Rotations (N, 3, 3) after updates (N, 3) in the axes of the camera: exp([ω]×) · R."""
+    """Return rotations (N, 3, 3) after updates ω (N, 3) in the axes of the camera: exp([ω]×) · R.
+
+    Example:
+        >>> quarter = torch.tensor([[0.0, 0.0, torch.pi / 2]])
+        >>> updated_rotation(torch.eye(3)[None], quarter)[0, :, 0].round()  # the object's x axis points up
+        tensor([0., 1., 0.])
+    """
     turned: Tensor = axis_angle_to_rotation_matrix(update) @ rotation
     return turned
 
 
 def rotation_update(rotation: Tensor, target: Tensor, symmetry: Symmetry = "none") -> Tensor:
-    """The update (N, 3) that takes rotations (N, 3, 3) to their targets, the inverse of `updated_rotation`.
+    """Return the update (N, 3) that takes rotations (N, 3, 3) to their targets, the inverse of `updated_rotation`.
 
     With the symmetry ``"y"`` it is the least rotation that takes the vertical axis u to its target u*, along u × u*.
+
+    Raises:
+        ValueError: for another symmetry than "none" and "y".
+
+    Example:
+        >>> from kfit.geometry import rotation_from_angles
+        >>> turned = rotation_from_angles(torch.tensor([0.5]), torch.tensor([0.0]), torch.tensor([0.0]))
+        >>> rotation_update(torch.eye(3)[None], turned)
+        tensor([[0.0000, 0.5000, 0.0000]])
+        >>> rotation_update(torch.eye(3)[None], turned, "y").norm()
+        tensor(0.)
     """
+    check_choice("symmetry", symmetry, ("none", "y"))
     if symmetry == "none":
         update: Tensor = rotation_matrix_to_axis_angle(target @ rotation.mT)
         return update

@@ -55,6 +55,12 @@ def load(model: str | Path) -> CategoryModel:
 
 
 def generator_and_encoder(model: str | Path) -> tuple[Generator, Encoder]:
-    """The two networks of a model that draw its category; the argument and errors are those of `load`."""
+    """Return the two networks of a model that draw its category; the argument and errors are those of `load`.
+
+    Example:
+        >>> generator, encoder = generator_and_encoder("can")
+        >>> generator.variables["code"].shape
+        (16,)
+    """
     found = load(model)
     return found.generator, found.encoder

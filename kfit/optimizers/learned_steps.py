@@ -28,6 +28,13 @@ class LearnedSteps(Optimizer):
     Raises:
         ValueError: when a fit starts, for a generator without one of these variables; in a step, where the drawing or
             the observation has no mask, or a problem has several views.
+
+    Example:
+        >>> from kfit.features import PoseRefiner
+        >>> from kfit.optimizers import Adam, Stages
+        >>> optimizer = Stages([(LearnedSteps(PoseRefiner(None)), 3), (Adam(), 13)])
+        >>> len(optimizer.networks)
+        1
     """
 
     def __init__(self, refiner: RefinerNetwork) -> None:

@@ -40,13 +40,22 @@ CAMERA = {"fx": (0, 0), "fy": (1, 1), "cx": (0, 2), "cy": (1, 2)}
 def report(result: PoseResult, path: str | Path = "report.html", command: str | None = None) -> Path:
     """Write a page about a fit: one HTML file that loads nothing from elsewhere.
 
-    It shows the photo with the box, the axes and the drawing's contour; the drawing at each step beside what was seen;
-    the energies of all starts; where the camera is, by the answer and by its alternatives; and the numbers.
+    It shows the photo with the box, the axes and the drawing's contour; the drawing at each step with the observation;
+    the energies of all starts; the camera of the answer and of its alternatives; and the numbers.
 
     Args:
         result: of `kfit.pose.CategoryModel.pose`.
         path: of the file.
         command: that made it, to be named.
+
+    Example:
+        >>> import numpy as np, kfit
+        >>> image, mask = np.ones((96, 96, 3)), np.zeros((96, 96))
+        >>> image[20:80, 30:70], mask[20:80, 30:70] = (0.7, 0.2, 0.1), 1
+        >>> model = kfit.load("mug")
+        >>> short = model.pipeline(num_starts=1, num_steps=1)  # for this example
+        >>> kfit.report(model.pose(image, mask=mask, pipeline=short), "page.html").name
+        'page.html'
     """
     place = Path(path)
     text = page(result, command)
