@@ -86,8 +86,8 @@ def updated_rotation(rotation: Tensor, update: Tensor) -> Tensor:
 
     Example:
         >>> quarter = torch.tensor([[0.0, 0.0, torch.pi / 2]])
-        >>> updated_rotation(torch.eye(3)[None], quarter)[0, :, 0].round()  # the object's x axis points up
-        tensor([0., 1., 0.])
+        >>> (updated_rotation(torch.eye(3)[None], quarter)[0, :, 0] + 1).round()  # the x axis points up
+        tensor([1., 2., 1.])
     """
     turned: Tensor = axis_angle_to_rotation_matrix(update) @ rotation
     return turned
