@@ -24,7 +24,7 @@ def test_the_released_fit_has_the_released_numbers():
     assert isinstance(fit.optimizer, Adam)
     assert (fit.optimizer.betas, fit.optimizer.decay) == ((0.5, 0.999), 1.0)
     assert fit.optimizer.rates["code"] == 0.3
-    assert fit.callbacks == []
+    assert fit.callbacks == ()
     assert isinstance(fit.initializers[-1], EncoderPosterior)
 
 
