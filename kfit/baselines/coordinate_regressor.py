@@ -1,4 +1,4 @@
-"""A regressor of object coordinates, pixel by pixel, in the manner of NOCS."""
+"""A regressor of object coordinates for each pixel, as in NOCS."""
 
 from __future__ import annotations
 
@@ -19,23 +19,24 @@ NUM_TURNS = 6
 
 
 class CoordinateRegressor(nn.Module):
-    """Tells for each pixel of an object which of its points is seen (Wang et al. 2019, "Normalized Object Coordinate
-    Space", section 5), for a picture of an object that is cut out already.
+    """Predict the object coordinates of each pixel in a picture of a cropped object.
+
+    Source: Wang et al. 2019, "Normalized Object Coordinate Space", section 5.
 
     Coordinates are the object's own, y up, in units of its box diagonal with the box's centre at 0: those of
     `kfit.data.View` for a normalised mesh, in [−1/2, 1/2], and NOCS's published ones less 1/2. Each of the three is
     classified into ``num_bins`` even bins, which NOCS found better than regression. A U-Net: four times down by
-    stride-2 convolutions and up again beside what was seen at each size. 1.7 M parameters, 0.33 G multiply-adds a
+    stride-2 convolutions and up again, with skip connections. 1.7 M parameters, 0.33 G multiply-adds a
     picture of 64 × 64.
 
     Args:
-        symmetry: of the category, see `kfit.geometry.CATEGORIES`; with ``"y"`` the loss takes the turn about y that
-            suits best.
+        symmetry: of the category, see `kfit.geometry.CATEGORIES`; with ``"y"`` the loss is the least over
+            rotations about y.
         channels: of the convolutions, one at each size.
         num_bins: B.
 
     Raises:
-        ValueError: for a symmetry of another name, or fewer than two bins.
+        ValueError: if the symmetry is unknown, or there are fewer than two bins.
     """
 
     centres: Tensor
@@ -61,10 +62,10 @@ class CoordinateRegressor(nn.Module):
         read_old_weights(self)
 
     def forward(self, image: Tensor) -> Tensor:
-        """Logits (N, 3, B, S, S) of the bins of x, y and z, from pictures (N, 3, S, S) in [0, 1] on white.
+        """Return logits (N, 3, B, S, S) of the bins of x, y and z, from pictures (N, 3, S, S) in [0, 1] on white.
 
         Raises:
-            ValueError: for pictures whose side is no multiple of 2 to the number of sizes less 1.
+            ValueError: if the pictures' side is not a multiple of 2^(number of sizes − 1).
         """
         check_shape("image", image, ("N", 3, "S", "S"))
         if image.shape[-1] % 2 ** len(self.up) or image.shape[-2] % 2 ** len(self.up):
@@ -81,9 +82,9 @@ class CoordinateRegressor(nn.Module):
 
     @torch.no_grad()
     def coordinates(self, image: Tensor) -> Tensor:
-        """Coordinates (N, 3, S, S) in box diagonals; they are meaningless outside of the object.
+        """Return coordinates (N, 3, S, S) in box diagonals; they are meaningless outside of the object.
 
-        The mean over the likeliest bin and its neighbours, weighed by their probabilities, so that bins leave no steps.
+        They are the mean over the likeliest bin and its neighbours, weighted by probability, which avoids quantisation.
         """
         probability = self(image).softmax(2)
         bins = torch.arange(self.num_bins, device=probability.device)[:, None, None]
@@ -94,11 +95,11 @@ class CoordinateRegressor(nn.Module):
     def divergence(self, logits: Tensor, coordinates: Tensor, mask: Tensor) -> Tensor:
         """Return the mean cross-entropy of the true coordinates over pixels and axes, in nats.
 
-        With a free turn it is the least over the true coordinates turned about y by k · 60°, k = 0 … 5 (NOCS, section
+        With symmetry it is the least over the true coordinates rotated about y by k · 60°, k = 0 … 5 (NOCS, section
         5). One rotation is chosen for all pixels of an object.
 
         Args:
-            logits: (N, 3, B, S, S), what ``forward`` gave.
+            logits: (N, 3, B, S, S) of ``forward``.
             coordinates: (N, 3, S, S), the truth in box diagonals.
             mask: (N, 1, S, S), above 1/2 where it is known.
 
@@ -123,7 +124,7 @@ def _convolution(a: int, b: int, stride: int) -> nn.Sequential:
 
 
 def _turns(count: int) -> Tensor:
-    """Rotations (count, 3, 3) about y, even over the circle from none on."""
+    """Return rotations (count, 3, 3) about y, uniform over the circle, starting with the identity."""
     matrices = []
     for k in range(count):
         cos, sin = math.cos(2 * math.pi * k / count), math.sin(2 * math.pi * k / count)

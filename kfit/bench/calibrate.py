@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -58,8 +57,6 @@ def run(args: Namespace) -> None:
     if args.check and before is None:
         raise ValueError(f"--check: the card of {args.model} holds no calibration of {kind} fits")
     pipeline = model.pipeline(depth=args.depth)
-    if before is not None and not args.check:  # covariances are measured without the factor of the old card
-        model.card.calibration[kind] = replace(before, covariance_factor=UNMEASURED)
     names: list[str] = []
     distances: list[float] = []
     features: list[dict[str, float]] = []
@@ -93,6 +90,9 @@ def run(args: Namespace) -> None:
         return
     if fitted is None or not features:
         raise ValueError("no view could be fitted, so there is nothing to calibrate")
+    # The distances under covariances without the factor that the card has had so far.
+    factor = UNMEASURED if before is None else before.covariance_factor
+    distances = [factor * distance for distance in distances]
     weights = {name: float(weight) for name, weight in pipeline.weights.items() if weight}  # type: ignore[arg-type]
     found = calibrate(features, right, energy, how_fitted(fitted, weights), args.seed, distances)
     found.measured["sets"] = by_set(names, cross_validated(features, right), right)

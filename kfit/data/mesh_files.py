@@ -93,7 +93,7 @@ def load_mesh(path: str | Path) -> Mesh:
         raise ValueError(f"path must hold finite vertices, but {path} has one at {largest:g}.")
     for geometry in geometries:
         if not 0 <= int(geometry.faces.min()) <= int(geometry.faces.max()) < len(geometry.vertices):
-            raise ValueError(f"path must hold whole triangles, but those of {path} have corners that are not there.")
+            raise ValueError(f"path must hold triangles, but those of {path} have missing vertices.")
     try:
         with _without_ghostscript():
             mesh = join([_part(geometry) for geometry in geometries])

@@ -117,7 +117,7 @@ def read_frame(
     """
     path = Path(path)
     color = _picture(Path(f"{path}_color.png"))[..., 2::-1]
-    # The three channels of a mask are equal in REAL275; CAMERA tells the number in red alone.
+    # The three channels of a mask are equal in REAL275; CAMERA has the number in red alone.
     numbers = _same_size(_picture(Path(f"{path}_mask.png")), color, path)[..., 2]
     stored = _same_size(_picture(Path(f"{path}_coord.png")), color, path)[..., 2::-1].astype(np.float32) / 255
     # NOCS stores z mirrored.
@@ -206,7 +206,9 @@ def _known(truth: str | Path | None) -> Mapping[str, Any] | None:
     if not isinstance(known, dict) or any(known.get(key) is None for key in needed):
         raise ValueError(f"{truth} must hold {', '.join(needed)}")
     if len({len(known[key]) for key in needed}) > 1:
-        raise ValueError(f"{truth} must tell as much of each object, got {[len(known[key]) for key in needed]}")
+        raise ValueError(
+            f"{truth} must have equally many entries of each key, got {[len(known[key]) for key in needed]}"
+        )
     return known
 
 

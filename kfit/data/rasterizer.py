@@ -82,7 +82,7 @@ def render(
     near, far = float(along.min()), float(along.max())
     if near <= 1e-3 * max(far, 1e-9):
         raise ValueError(
-            f"world2cam must put the whole mesh in front of the camera, but a vertex has depth {near:.4g}."
+            f"world2cam must put all of the mesh in front of the camera, but a vertex has depth {near:.4g}."
         )
     shape = (height * supersample, width * supersample)
     depth = np.full(shape, far * 2, np.float32)

@@ -216,7 +216,7 @@ class Views:
                 data = {name: read_dataset(file, name, path) for name in there}
                 stated = file.attrs.get("num_views")
         except (OSError, KeyError, RuntimeError, TypeError) as error:  # TypeError for types that NumPy lacks
-            raise ValueError(f"path must name a whole HDF5 file, but {path} cannot be read ({error}).") from error
+            raise ValueError(f"path must name a complete HDF5 file, but {path} cannot be read ({error}).") from error
         for name, ndim in (("images", 4), ("poses", 2)):
             if name not in data or data[name].ndim != ndim:
                 found = data[name].shape if name in data else "no such dataset"

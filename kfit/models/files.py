@@ -214,7 +214,7 @@ def _filled(settings: Any, name: str, numbers: Mapping[Any, Any], path: Path) ->
                 check_drawing(network)
     except Exception as error:  # the user's class may raise anything
         reason = " ".join(str(error).split()) or type(error).__name__
-        raise ValueError(f"{path}: {named} cannot be built as its card says: {reason}") from error
+        raise ValueError(f"{path}: {named} cannot be built from its card: {reason}") from error
     if not all(tensor.isfinite().all() for tensor in own.values()):
         raise ValueError(f"{path} holds numbers for the {name} that are not finite")
     try:

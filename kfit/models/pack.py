@@ -96,6 +96,6 @@ def _head(path: Path) -> tuple[nn.Module, dict[str, Any], str, Any]:
 
 
 def _told(saved: dict[str, Any]) -> dict[str, Any]:
-    """What a checkpoint tells of its data, without what says nothing or is of the machine alone."""
+    """Return a checkpoint's settings of its data, without empty ones and those of the machine."""
     data = saved["datamodule_hyper_parameters"]
     return {k: v for k, v in data.items() if not k.startswith("_") and k != "cache_dir" and v is not None}

@@ -22,8 +22,9 @@ DOUBTFUL = 0.5
 LENS_WEIGHT = 0.05
 # How the sentence on a confidence begins that is no probability.
 UNCALIBRATED = "confidence not calibrated"
-# Factor of covariances where a card has none.
-UNMEASURED = 1.0
+# Factor of covariances where a card has none: what `kfit.pose.calibrating.covariance_factor` gives on 22 right answers
+# of 24 table views of unseen mugs (seed 7), the category whose covariances were furthest too small.
+UNMEASURED = 1.7
 EVIDENCE = ("weight", "energy", "agreement", "looks")
 
 

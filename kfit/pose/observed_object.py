@@ -131,5 +131,5 @@ def too_small(crop: Crop) -> str | None:
     box, needed = crop.side / MARGIN, crop.size / MARGIN
     return (
         f"the object is small: the longer side of its box has {box:.0f} pixels, and the drawing that is fitted to it "
-        f"{needed:.0f}; little of it can be told"
+        f"{needed:.0f}; its details are lost"
     )

@@ -15,12 +15,12 @@ WHOLE_PICTURE = "no mask or box given: the salient object of the whole picture w
 
 @dataclass(frozen=True)
 class Segment:
-    """Where one object is.
+    """The mask of one object.
 
     Attributes:
         mask: (H, W), 1 on the object and 0 elsewhere.
-        notes: sentences on what was assumed.
-        doubts: sentences on what may be wrong, which hold the answer's confidence at 50 %.
+        notes: sentences about assumptions.
+        doubts: sentences about possible errors, which limit the answer's confidence to 50 %.
     """
 
     mask: NDArray[np.float32]
@@ -29,7 +29,7 @@ class Segment:
 
 
 class Segmenter(ABC):
-    """Says which pixels of a photo show the object."""
+    """Finds the pixels of an object in a photo."""
 
     @abstractmethod
     def __call__(self, image: NDArray[np.float32], category: str, box: Box | None = None) -> Segment:
@@ -38,7 +38,7 @@ class Segmenter(ABC):
         Args:
             image: (H, W, 3), RGB in [0, 1].
             category: of the object if no box selects it; one of `kfit.geometry.CATEGORIES`.
-            box: left, top, width, height in pixels around the object, of whatever kind it is.
+            box: left, top, width, height in pixels around the object, of any kind.
 
         Raises:
             ValueError: if the box cannot be used or no such object is found, in one sentence.
@@ -46,7 +46,7 @@ class Segmenter(ABC):
 
 
 def clipped(box: Box, width: int, height: int) -> tuple[int, int, int, int]:
-    """Left, top, right and bottom of the part of a box that lies in a picture, the latter two exclusive.
+    """Return left, top, right and bottom of the part of a box in a picture, the latter two exclusive.
 
     Raises:
         ValueError: if that part has less than 4 pixels a side.
@@ -65,5 +65,5 @@ def clipped(box: Box, width: int, height: int) -> tuple[int, int, int, int]:
 
 
 def spell(box: Box) -> str:
-    """A box as its user wrote it."""
+    """Format a box as its user wrote it."""
     return "(" + ", ".join(f"{number:g}" for number in box) + ")"

@@ -27,16 +27,16 @@ FIT_EVERY = 5  # views in test: a fit takes a second of a core, and an object ha
 
 
 class ConditionalVAE(Training):
-    """Sees one view of an object and must draw another (Chen et al. 2020, section 3.2).
+    """Train a generator and an encoder to draw one view of an object from another (Chen et al. 2020, section 3.2).
 
     L = Σ_k w_k · mean_n e_k(G(z, pose), I) + λ · D_KL + w_ext · ‖extents(z) − extents‖₁,
-    z = μ + σ·ε from the encoder's look at the other view, and
+    z = μ + σ·ε from the encoder's output for the other view, and
     D_KL = mean_n Σ_d ½ (μ² + σ² − 1 − log σ²) in nats, summed over the code and averaged over the batch, where each
     energy averages over pixels and channels.
 
-    The paper's λ is 1e-2, for terms of unknown normalisation. As they are normalised here, 1e-2 lets codes
-    collapse, and 1e-4 is the default. The released code would weigh 10 · L1 + 0.01 · (KL averaged over the code), which
-    is λ = 6e-5 here for a code of 16, but never adds the KL term.
+    The paper's λ is 1e-2, for terms of unknown normalisation. With the normalisation here, codes
+    collapse at 1e-2, and 1e-4 is the default. The released code has weights for 10 · L1 + 0.01 · (KL averaged over the
+    code), which is λ = 6e-5 here for a code of 16, but never adds the KL term.
 
     Batches are those of `kfit.data.ViewsDataModule`; without extents in them, extents are not learned.
 
@@ -44,24 +44,23 @@ class ConditionalVAE(Training):
         generator: of variables ``code``, ``azimuth`` and ``elevation``.
         encoder: picture → Gaussian over the code.
         extents: code → the object's three sides.
-        losses: energies of drawing against target, by name; each on the field that it names. They are frozen here,
-            so that networks in them are not trained.
-        loss_weights: by name; 1 where not given.
+        losses: energies of drawing and target, by name. They are frozen, so that networks in them are not trained.
+        loss_weights: by name; 1 by default.
         kl_weight: λ.
         extents_weight: w_ext.
         rate: largest learning rate of Adam; it rises over the first twentieth of the steps and falls as a cosine.
-        similarity: how the encoder's view is disturbed; None shows it as it is.
-        photometric: how that view is made to look like a cut-out of a photo first; None leaves it clean.
-        pixel_stride: draw and compare every such row and column of the target alone, from a random first one on, which
-            is less work where a generator draws pixels by themselves, as `kfit.generators.RadianceField` does. Losses
-            that look at neighbourhoods see thinned pictures.
-        compile: compile the networks (`torch.compile`): half a minute of waiting for about 1.7 times the speed.
-            Without a C++ compiler training goes on uncompiled.
-        symmetry: of the objects, by which test tells how far rotations are off; ``lightning`` sets the category's.
+        similarity: random motion of the encoder's view; None for no motion.
+        photometric: augmentation that makes the encoder's view resemble a crop of a photo; None for none.
+        pixel_stride: draw and compare every such row and column of the target only, from a random first one on, which
+            saves work if a generator draws pixels independently, as `kfit.generators.RadianceField` does. Losses on
+            neighbourhoods then compare subsampled pictures.
+        compile: compile the networks (`torch.compile`), which takes 30 s and makes training about 1.7 × as fast.
+            Without a C++ compiler training continues uncompiled.
+        symmetry: of the objects, for rotation errors in test; ``lightning`` sets the category's.
 
     Raises:
-        ValueError: for loss weights of unknown names, losses of names that are taken, a ``pixel_stride`` below 1, or
-            above 1 with a generator that draws whole pictures only, and, when training starts, a trainer without an
+        ValueError: if a loss weight has an unknown name, a loss has a reserved name, ``pixel_stride`` is below 1, or
+            above 1 with a generator that draws complete pictures only and, when training starts, if the trainer has no
             end.
     """
 
@@ -116,7 +115,7 @@ class ConditionalVAE(Training):
             self.compile_networks(self.generator, self.encoder)
 
     def forward(self, image: Tensor, azimuth: Tensor, elevation: Tensor, **lens: Tensor) -> Rendering:
-        """Draw the objects of pictures (N, 3, S, S) from other sides, each (N,) in radians, by a ``focal`` if given."""
+        """Draw the objects of pictures (N, 3, S, S) at other angles, (N,) in radians, with an optional ``focal``."""
         mean, _ = self.encoder(image)
         drawn: Rendering = self.generator(code=mean, azimuth=azimuth, elevation=elevation, **lens)
         return drawn
@@ -144,8 +143,8 @@ class ConditionalVAE(Training):
     def report(self, batch: dict[str, Tensor], stage: str) -> None:
         """Log how well the encoder's code of one view draws another, and in test also the errors of poses.
 
-        Logged are the losses, L1, SSIM and the IoU of masks, how far the extents are off, and in test what
-        ``record_rotations`` logs of short fits to every fifth of the other views.
+        It logs the losses, L1, SSIM, the IoU of masks, the error of extents and, in test, the errors of
+        ``record_rotations`` for short fits to every fifth of the other views.
         """
         lens = view_lens(self.generator, batch)
         drawn = self(batch["source"], batch["azimuth"], batch["elevation"], **lens)

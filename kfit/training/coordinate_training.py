@@ -1,4 +1,4 @@
-"""Teaching a network to read object coordinates off pictures."""
+"""Training of a network that predicts object coordinates."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ from kfit.training.training import Training
 
 
 class CoordinateTraining(Training):
-    """Shows a regressor views of many objects, each with the object coordinates that its pixels see.
+    """Train a regressor on views of many objects with the object coordinates of their pixels.
 
     L = mean_n of `kfit.baselines.CoordinateRegressor.divergence`. Batches are those of `kfit.data.ViewsDataModule` with
-    depth; their targets are shown, whose coordinates follow from depth, pose and camera, see ``coordinates_of``.
+    depth; their targets are used, whose coordinates follow from depth, pose and camera, see ``coordinates_of``.
 
     Args:
-        regressor: learns.
+        regressor: the network.
         rate: largest learning rate of AdamW; it rises over the first twentieth of the steps and falls as a cosine.
         weight_decay: of AdamW.
-        unit_fraction: of the views' camera: the share of the width that a unit diagonal spans; ``lightning`` sets the
+        unit_fraction: of the views' camera: the fraction of the width of a unit diagonal; ``lightning`` sets the
             category's.
-        distance: of the views' camera in box diagonals, for batches that do not hold it.
-        similarity: how views are turned, shifted and scaled, and their coordinates with them; None leaves them.
-        recoloring: how their colours are changed; None leaves them.
+        distance: of the views' camera in box diagonals, for batches without it.
+        similarity: random rotation, shift and scale of views, with their coordinates; None for none.
+        recoloring: augmentation of colours; None for none.
         compile: compile the regressor (`torch.compile`). Without a C++ compiler training goes on uncompiled.
 
     Raises:
-        ValueError: in training, for batches without depth, and when it starts, for a trainer without an end.
+        ValueError: in training, if a batch has no depth and, when it starts, if the trainer has no end.
     """
 
     def __init__(
@@ -64,7 +64,7 @@ class CoordinateTraining(Training):
             self.compile_networks(self.regressor)
 
     def forward(self, image: Tensor) -> Tensor:
-        """Logits (N, 3, B, S, S) of the coordinates that pictures (N, 3, S, S) show."""
+        """Return logits (N, 3, B, S, S) of the coordinates in pictures (N, 3, S, S)."""
         output: Tensor = self.regressor(image)
         return output
 
@@ -73,7 +73,7 @@ class CoordinateTraining(Training):
             image, mask, truth = self._views(batch)
             image = image if self.recoloring is None else self.recoloring(image)
             if self.similarity is not None:
-                # What comes in from outside is 1: the ground's share is, and coordinates are 0 there beside 1.
+                # Pixels from outside are 1: the channel of the background is 1 there, and coordinates are 0.
                 parts = torch.cat([image, 1 - mask, 1 + mask * truth], 1)
                 image, ground, moved = self.similarity(parts).split([3, 1, 3], 1)
                 mask = 1 - ground
@@ -89,7 +89,7 @@ class CoordinateTraining(Training):
         self.log(f"{stage}/coordinates", loss, prog_bar=True, batch_size=len(image), sync_dist=True)
 
     def _views(self, batch: dict[str, Tensor]) -> tuple[Tensor, Tensor, Tensor]:
-        """Pictures, masks and true coordinates of a batch's targets."""
+        """Return pictures, masks and true coordinates of a batch's targets."""
         if "target_depth" not in batch:
             raise ValueError("CoordinateTraining needs views with depth, and there is none in this data")
         mask = batch["target_mask"]
@@ -106,7 +106,7 @@ def coordinates_of(
     unit_fraction: float = UNIT_FRACTION,
     distance: Tensor | float = DISTANCE,
 ) -> Tensor:
-    """Object coordinates of the points that the standard camera sees (`kfit.data.pose_view`).
+    """Return the object coordinates of the points that the standard camera sees (`kfit.data.pose_view`).
 
     X = Rᵀ (x (d + D), y (d + D), −d) with R = Rx(elevation) · Ry(azimuth), pixel (u, v) of S × S on the ray (x, y, −1),
     x = (u − (S − 1) / 2) / f, y = ((S − 1) / 2 − v) / f, f = unit_fraction · S · √(D² − 1/4).

@@ -1,4 +1,4 @@
-"""``lightning fit -c recipe.yaml``: Lightning's command line over kfit's parts and anybody's own."""
+"""``lightning fit -c recipe.yaml``: Lightning's command line for kfit's parts and the user's own."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ NEEDLESS_ELSEWHERE = (
 
 
 class _Parser(LightningArgumentParser):
-    """Understands class paths of earlier versions in the hyperparameters of checkpoints too."""
+    """Reads class paths of earlier versions, also in the hyperparameters of checkpoints."""
 
     def parse_object(self, cfg_obj: Any, *args: Any, **kwargs: Any) -> Any:
         return super().parse_object(current_paths(cfg_obj), *args, **kwargs)
@@ -64,7 +64,7 @@ class _Parser(LightningArgumentParser):
 
 class _CLI(LightningCLI):
     def parse_arguments(self, parser: LightningArgumentParser, args: Any) -> None:
-        """Understand the words, or raise a ValueError of one sentence."""
+        """Parse the arguments, or raise a ValueError of one sentence."""
         try:
             with no_exit():
                 super().parse_arguments(parser, args)
@@ -96,9 +96,9 @@ class _CLI(LightningCLI):
                 config[f"model.init_args.{argument}"] = known(category)
 
     def instantiate_trainer(self, **kwargs: Any) -> Trainer:
-        """The recipe's trainer; unless it says otherwise with TensorBoard's and CSV logs in one folder.
+        """Build the recipe's trainer, by default with TensorBoard's and CSV logs in one folder.
 
-        A fit with a logger of any kind logs its learning rate, and pictures where the model draws some.
+        A fit with a logger logs its learning rate, and pictures if the model draws some.
         """
         settings = self._get(self.config_init, "trainer", default={})
         logger, callbacks = settings.get("logger"), settings.get("callbacks") or []

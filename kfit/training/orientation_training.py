@@ -1,4 +1,4 @@
-"""Teaching the paper's baseline to read rotations off pictures."""
+"""Training of the paper's baseline, which predicts rotations."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ from kfit.training.training import Training
 
 
 class OrientationTraining(Training):
-    """Shows a regressor views of many objects, each with its true rotation.
+    """Train a regressor on views of many objects with their true rotations.
 
     L = mean_n (1 − cos θ_n), see `kfit.baselines.OrientationRegressor.distance`. Batches are those of
-    `kfit.data.ViewsDataModule`, whose sources and targets are all shown.
+    `kfit.data.ViewsDataModule`; their sources and targets are both used.
 
     Args:
-        regressor: learns.
+        regressor: the network.
         rate: largest learning rate of AdamW; it rises over the first twentieth of the steps and falls as a cosine.
         weight_decay: of AdamW.
-        weights: path of VGG16's ImageNet weights to start from, see `kfit.baselines.OrientationRegressor.fill`; from
-            nothing where none is given.
-        corruption: what is hidden, made brighter or darker and shifted; None shows views as they are.
-        similarity: how views are scaled before that. Views are taken as upright, so its ``roll_deg`` should be 0.
+        weights: path of VGG16's ImageNet weights to start from, see `kfit.baselines.OrientationRegressor.fill`; None
+            for random weights.
+        corruption: random occlusion, brightness and shift; None for none.
+        similarity: random scale of views before that. Views are assumed to be upright, so its ``roll_deg`` should be 0.
         compile: compile the regressor (`torch.compile`). Without a C++ compiler training goes on uncompiled.
 
     Raises:
-        ValueError: when training starts, for a trainer without an end, and at once, for weights of another network.
+        ValueError: if the weights belong to another network and, when training starts, if the trainer has no end.
         FileNotFoundError: if there is no file of weights.
     """
 
@@ -62,7 +62,7 @@ class OrientationTraining(Training):
             self.compile_networks(self.regressor)
 
     def forward(self, image: Tensor) -> Tensor:
-        """Rotations (N, 3, 3) that pictures (N, 3, S, S) show."""
+        """Return the rotations (N, 3, 3) of pictures (N, 3, S, S)."""
         output: Tensor = self.regressor(image)
         return output
 
@@ -81,7 +81,7 @@ class OrientationTraining(Training):
         return loss
 
     def report(self, batch: dict[str, Tensor], stage: str) -> None:
-        """Log the loss, and how far the rotations are from the truth."""
+        """Log the loss and the errors of rotations."""
         image, _, azimuth, elevation = _views(batch)
         truth = rotation_from_angles(azimuth, elevation, torch.zeros_like(azimuth))
         output = self(image)

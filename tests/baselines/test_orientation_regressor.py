@@ -78,7 +78,7 @@ def test_starts_from_published_weights_where_they_are_given(dev_data) -> None:
     assert all(p.requires_grad for p in regressor.parameters())
 
 
-def test_a_missing_file_of_weights_is_told() -> None:
+def test_a_missing_file_of_weights_is_reported() -> None:
     with pytest.raises(FileNotFoundError, match="there is no file nowhere"):
         OrientationRegressor(hidden_dim=4, image_size=32).fill("nowhere.pth")
 

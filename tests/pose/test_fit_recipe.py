@@ -29,7 +29,7 @@ def test_the_released_fit_has_the_released_numbers():
 
 
 @pytest.mark.parametrize(("category", "symmetry"), [("laptop", "none"), ("can", "y")])
-def test_the_selector_is_told_the_symmetry(category, symmetry):
+def test_the_selector_gets_the_symmetry(category, symmetry):
     assert fit_of(RELEASED, load(category), OFFLINE).selector.symmetry == symmetry
 
 

@@ -293,7 +293,7 @@ class TestTraining:
             ({"losses": {"ssim": L1()}, "loss_weights": None}, "losses: ssim is a name that is taken"),
         ],
     )
-    def test_mistakes_in_the_losses_names_are_told_when_it_is_built(self, changes, said):
+    def test_mistakes_in_the_losses_names_are_reported_when_it_is_built(self, changes, said):
         with pytest.raises(ValueError, match=said):
             build(**changes)
 
