@@ -230,8 +230,8 @@ def _layer(session: Session, hint: str) -> dict[str, str]:
 
 
 def sentence_of(error: Exception) -> str:
-    """One sentence for a visitor; what nobody foresaw is told in full in the terminal."""
+    """Return one sentence for a visitor; unexpected errors are printed in full in the terminal."""
     if isinstance(error, ValueError | OSError | RuntimeError | ImportError):
         return str(error)
     traceback.print_exception(error)
-    return "Something went wrong that kfit did not foresee; the terminal in which it runs tells more."
+    return "An unexpected error occurred; the terminal in which kfit runs has the details."

@@ -43,17 +43,17 @@ class OnlySelf:
     async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
         """Add headers to an answer; refuse requests from other sites."""
         if scope["type"] == "http":
-            told = dict(scope["headers"])
-            origin = told.get(b"origin")
-            if origin is not None and origin.partition(b"://")[2] != told.get(b"host"):
+            headers = dict(scope["headers"])
+            origin = headers.get(b"origin")
+            if origin is not None and origin.partition(b"://")[2] != headers.get(b"host"):
                 await send({"type": "http.response.start", "status": 403, "headers": []})
                 await send({"type": "http.response.body", "body": b"Only this page may send requests here."})
                 return
 
         async def with_policy(message: dict[str, Any]) -> None:
             if message["type"] == "http.response.start":
-                said = [(b"content-security-policy", POLICY.encode()), (b"referrer-policy", b"no-referrer")]
-                message["headers"] = [*message.get("headers", []), *said]
+                policies = [(b"content-security-policy", POLICY.encode()), (b"referrer-policy", b"no-referrer")]
+                message["headers"] = [*message.get("headers", []), *policies]
             await send(message)
 
         await self.app(scope, receive, with_policy if scope["type"] == "http" else send)

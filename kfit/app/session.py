@@ -72,7 +72,7 @@ class Session:
         Raises:
             ValueError: if there is no photo.
         """
-        return self._seen().image
+        return self._photo_or_error().image
 
     def take(self, path: Path) -> None:
         """Read an uploaded photo, delete the file, and find the objects of kfit's categories.
@@ -115,7 +115,7 @@ class Session:
             ValueError: if it cannot be used or there is no photo yet; the previous state is kept.
         """
         try:
-            mask = checked(path, lambda file: mask_from_file(file, self._seen().image.shape[:2]))
+            mask = checked(path, lambda file: mask_from_file(file, self._photo_or_error().image.shape[:2]))
         finally:
             path.unlink(missing_ok=True)
         self._point(["--mask", path.name], mask=mask)
@@ -128,7 +128,7 @@ class Session:
         """
         try:
             check_size(path)
-            read = partial(depth_from_file, shape=self._seen().image.shape[:2])
+            read = partial(depth_from_file, shape=self._photo_or_error().image.shape[:2])
             # What lies in memory by a file's map would be gone with the file.
             self.depth = np.array(read(path) if path.suffix == ".npy" else checked(path, read))
         except (ValueError, OSError) as error:
@@ -146,7 +146,7 @@ class Session:
         Raises:
             ValueError: if the box holds no salient object, or there is no photo yet.
         """
-        height, width = self._seen().image.shape[:2]
+        height, width = self._photo_or_error().image.shape[:2]
         left, top, across, down = (
             round(part * whole) for part, whole in zip(box, (width, height, width, height), strict=True)
         )
@@ -160,7 +160,7 @@ class Session:
         Raises:
             ValueError: if there is no mask to change, or nothing would be left of it.
         """
-        self._seen()
+        self._photo_or_error()
         if self.target is None:
             raise ValueError("Draw a box around the object first; then its mask can be corrected.")
         mask = painted(self.target.segment.mask, points, keep)
@@ -177,7 +177,7 @@ class Session:
         Raises:
             ValueError: if picture, object or category is still to be given.
         """
-        photo, target = self._seen(), self.target
+        photo, target = self._photo_or_error(), self.target
         if target is None:
             raise ValueError("Draw a box around the object first, so that it is known what is to be fitted.")
         if category is None:
@@ -216,7 +216,7 @@ class Session:
         Raises:
             ValueError: if the visit is over; the folder would be there for good.
         """
-        self._seen()
+        self._photo_or_error()
         depth = self._depth_name if self.depth is not None else None
         snippet = snippet_of(self._name, result.category, camera, depth)
         return write_downloads(self.folder, result, self.command(result.category, camera), snippet)
@@ -240,11 +240,11 @@ class Session:
 
     def _point(self, words: list[str], **pointed: Any) -> None:
         """Select the object of a mask or a box; ``words`` are the same for `kfit pose`."""
-        (target,) = find_targets(self._seen(), **pointed)
+        (target,) = find_targets(self._photo_or_error(), **pointed)
         self._pointed, self._words = pointed, words
         self._take_target(target)
 
-    def _seen(self) -> Photo:
+    def _photo_or_error(self) -> Photo:
         if self.photo is None:
             raise ValueError("There is no picture: choose one, also if you had, as pictures are not kept for long.")
         return self.photo

@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -49,7 +49,7 @@ class ImageToFit:
         intrinsics: (3, 3), where the data knows them.
         depth: (H, W) in metres, where it was measured.
         source: what the data wants to remember until the result is written.
-        seen: the objects cut out, or sentences why one cannot be; see `ObjectCropper`.
+        observed: the objects cut out, or sentences why one cannot be; see `ObjectCropper`.
     """
 
     name: str
@@ -58,7 +58,7 @@ class ImageToFit:
     intrinsics: NDArray[Any] | None = None
     depth: NDArray[Any] | None = None
     source: Any = None
-    seen: list[ObservedObject | str] = field(default_factory=list)
+    observed: list[ObservedObject | str] = field(default_factory=list)
 
 
 @dataclass
@@ -105,9 +105,9 @@ class FitData(LightningDataModule, ABC):
     Attributes:
         categories: of the objects that there may be.
         batch_size: images that are fitted at once in a process.
-        left: names of the results that are to be made, the same in all processes; ``DatasetFit`` sets it.
-        cropper: cuts the objects out; ``DatasetFit`` sets it.
-        num_workers: processes that read images and cut objects out; ``DatasetFit`` sets it.
+        left: names of the results that are to be made, the same in all processes; see `plan`.
+        cropper: cuts the objects out; see `plan`.
+        num_workers: processes that read images and cut objects out; see `plan`.
     """
 
     categories: Collection[str]
@@ -120,6 +120,10 @@ class FitData(LightningDataModule, ABC):
         super().__init__()
         # Fits of different processes never wait for one another, so one may well have none.
         self.allow_zero_length_dataloader_with_multiple_devices = True
+
+    def plan(self, left: Sequence[str], cropper: ObjectCropper, num_workers: int) -> None:
+        """Take what `kfit.batch.dataset_fit.DatasetFit` has decided before it fits."""
+        self.left, self.cropper, self.num_workers = left, cropper, num_workers
 
     @property
     @abstractmethod
@@ -179,8 +183,7 @@ class _Images(Dataset[ImageToFit | Unreadable]):
     def __getitem__(self, index: int) -> ImageToFit | Unreadable:
         try:
             image = self.data.read(self.names[index])
-            image.seen = [] if self.data.cropper is None else self.data.cropper(image)
-            return image
+            return image if self.data.cropper is None else replace(image, observed=self.data.cropper(image))
         except (OSError, ValueError) as error:
             return Unreadable(self.names[index], str(error))
 

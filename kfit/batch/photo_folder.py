@@ -53,7 +53,7 @@ class PhotoFolder(FitData):
         file = self.root / f"{stem}_mask.png"
         mask = mask_from_file(file, shape) if file.exists() else None
         if mask is None and mask_from_alpha(photo.alpha) is None:
-            raise ValueError(f"nothing tells the object: neither {file} nor an alpha channel of the photo")
+            raise ValueError(f"no mask of the object: neither {file} nor an alpha channel of the photo")
         depths = [path for path in (self.root / f"{stem}_depth{end}" for end in (".png", ".npy")) if path.exists()]
         depth = depth_from_file(depths[0], shape) if depths else None
         return ImageToFit(name, photo, [ObjectToFit(self.category, mask)], depth=depth)

@@ -68,7 +68,7 @@ class ResultsFolder:
             if known.get(name) != settings.get(name)
         ]
         if other:
-            said = "; ".join(other)
+            differences = "; ".join(other)
             raise ValueError(
-                f"{self.path} holds results of other settings, {said}: keep to those or name another folder"
+                f"{self.path} holds results of other settings, {differences}: keep to those or name another folder"
             )

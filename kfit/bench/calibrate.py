@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -58,11 +57,9 @@ def run(args: Namespace) -> None:
     if args.check and before is None:
         raise ValueError(f"--check: the card of {args.model} holds no calibration of {kind} fits")
     pipeline = model.pipeline(depth=args.depth)
-    if before is not None and not args.check:  # covariances are measured without the factor of the old card
-        model.card.calibration[kind] = replace(before, covariance_factor=UNMEASURED)
     names: list[str] = []
     distances: list[float] = []
-    told: list[dict[str, float]] = []
+    features: list[dict[str, float]] = []
     right: list[bool] = []
     energy: list[float] = []
     fitted = None
@@ -76,14 +73,14 @@ def run(args: Namespace) -> None:
             found_right: list[int] = []
             for answer in answers(model, views, results):
                 names.append(chosen.name)
-                told.append(answer.evidence)
+                features.append(answer.evidence)
                 right.append(answer.error_deg < RIGHT_DEG and not chosen.foreign)
                 found_right += [answer.number] if right[-1] else []
                 energy += [] if chosen.foreign else [answer.energy]
             distances += squared_mahalanobis(*pose_offsets(model, views, results, found_right)).tolist()
             bar.advance(task, len(views.crops))
     if args.check and before is not None:
-        probabilities = [before.probability(one) for one in told]
+        probabilities = [before.probability(one) for one in features]
         print_reliability(reliability(probabilities, right), "the card's calibration")
         print_sets(by_set(names, probabilities, right))
         over = sum(one > before.energy_99 for one in energy) / len(energy)
@@ -91,11 +88,14 @@ def run(args: Namespace) -> None:
         inside = sum(one < CHI2_95 for one in distances)
         print(f"{inside} of {len(distances)} right answers have the truth in the 95 % ellipsoid of their covariance")
         return
-    if fitted is None or not told:
+    if fitted is None or not features:
         raise ValueError("no view could be fitted, so there is nothing to calibrate")
+    # The distances under covariances without the factor that the card has had so far.
+    factor = UNMEASURED if before is None else before.covariance_factor
+    distances = [factor * distance for distance in distances]
     weights = {name: float(weight) for name, weight in pipeline.weights.items() if weight}  # type: ignore[arg-type]
-    found = calibrate(told, right, energy, how_fitted(fitted, weights), args.seed, distances)
-    found.measured["sets"] = by_set(names, cross_validated(told, right), right)
+    found = calibrate(features, right, energy, how_fitted(fitted, weights), args.seed, distances)
+    found.measured["sets"] = by_set(names, cross_validated(features, right), right)
     model.card.calibration[kind] = found
     write_model(Path(args.model), model.networks, model.card)  # the weights that were measured, with their card
     print_reliability(found.measured, "by cross-validation")

@@ -77,7 +77,7 @@ def find_scans(places: Sequence[str]) -> tuple[list[Scan], list[Path]]:
     Raises:
         FileNotFoundError, ValueError: for a place that is none of these, or holds no mesh.
     """
-    told, guessed, unknown = {}, {}, []
+    assigned, guessed, unknown = {}, {}, []
     for place in places:
         folder, up = place, "z"
         category, equals, rest = place.partition("=")
@@ -95,13 +95,13 @@ def find_scans(places: Sequence[str]) -> tuple[list[Scan], list[Path]]:
         for path in find_meshes(folder):
             file, named = path.resolve(), _named(path.relative_to(Path(folder).parent))
             if category:
-                told[file] = Scan(path, category, up)
+                assigned[file] = Scan(path, category, up)
             elif named:
                 guessed[file] = Scan(path, named, up)
             else:
                 unknown.append(path)
-    scans = guessed | told  # what was said of a mesh counts before what its name tells
-    return list(scans.values()), [path for path in unknown if path.resolve() not in told]
+    scans = guessed | assigned  # what was said of a mesh counts before what its name tells
+    return list(scans.values()), [path for path in unknown if path.resolve() not in assigned]
 
 
 def _named(path: Path) -> str | None:

@@ -52,7 +52,7 @@ def picture(results: Sequence[PoseResult]) -> NDArray[np.uint8]:
             result.translation,
             result.size,
             result.intrinsics,
-            seen=result.observation.field("image")[0],
+            observed=result.observation.field("image")[0],
             drawing=torch.from_numpy(result.drawing).movedim(-1, 0),
             mask=result.mask,
             caption=describe(result),

@@ -64,10 +64,10 @@ def parser() -> ArgumentParser:
     for name, command in COMMANDS.items():
         commands.add_subcommand(name, parsers[name], help=str(command.__doc__).partition("\n")[0])
     bench.add_benchmarks(parsers["bench"])
-    for name, told in TRAINING.items():
+    for name, summary in TRAINING.items():
         training = ArgumentParser()
         training.add_argument("-c", "--config", type=str, default=None, metavar="RECIPE.yaml", help="the recipe")
-        commands.add_subcommand(name, training, help=told)
+        commands.add_subcommand(name, training, help=summary)
     for one in tree(top):
         add_general_options(one)
         one.allow_abbrev = False  # jsonargparse would accept and deprecate them
@@ -137,12 +137,12 @@ def main(args: Sequence[str] | None = None) -> None:
             arguments = (top := parser()).parse_args(words)
         except ArgumentError as error:
             named = [word for word, known in zip(words, (COMMANDS, bench.BENCHMARKS), strict=False) if word in known]
-            told = sentence(str(error))
-            key = told.partition(" ")[0].replace("_", "-")
+            message = sentence(str(error))
+            key = message.partition(" ")[0].replace("_", "-")
             option = any(f"--{key}" in part._option_string_actions for part in tree(top))
-            what = f"--{key}{told[len(key) :]}" if option else told
+            reason = f"--{key}{message[len(key) :]}" if option else message
             raise ValueError(
-                f"{what};{suggestion(words, top, TRAINING)} `{' '.join(['kfit', *named])} --help` shows the usage"
+                f"{reason};{suggestion(words, top, TRAINING)} `{' '.join(['kfit', *named])} --help` shows the usage"
             ) from None
         chosen: Namespace = arguments[arguments.subcommand]
         values = chosen[chosen.subcommand] if "subcommand" in chosen else chosen

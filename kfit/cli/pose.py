@@ -24,7 +24,6 @@ from kfit.cli.pose_views import answer_views, read_poses
 from kfit.runtime.console import log, progress, see_working_folder, status, table_console
 
 if TYPE_CHECKING:
-    from kfit.fitting.pipeline import FitPipeline
     from kfit.pose import CategoryModel, PoseResult
     from kfit.pose.object_finder import FoundObject
     from kfit.segmentation import Photo
@@ -168,20 +167,14 @@ def _answer(
     from kfit.callbacks import Progress
     from kfit.models.find_poses import pose_of
 
-    def pipeline(model: CategoryModel) -> FitPipeline:
-        if args.fit is None:
-            lens_known = args.intrinsics is not None or photo.intrinsics is not None
-            made = model.pipeline(depth=depth is not None, lens_known=lens_known)
-        else:
-            from kfit.pose.fit_recipe import fit_of
-
-            made = fit_of(args.fit, model)
-        if num_photos == 1:
-            made.callbacks.append(Progress())
-        return made
-
     log.info("found a %s (%.0f %%) in box %s", target.category, 100 * target.score, _spelled(target.box))
-    result = pose_of(model, photo, target, camera_of(args), depth, args.seed, pipeline, ignore)
+    fit = None
+    if args.fit is not None:
+        from kfit.pose.fit_recipe import fit_of
+
+        fit = fit_of(args.fit, model)
+    watching = [Progress()] if num_photos == 1 else []
+    result = pose_of(model, photo, target, camera_of(args), depth, args.seed, fit, watching, ignore)
     for note in result.notes:
         log.info("%s", note)
     return result

@@ -76,7 +76,7 @@ class ViewsDataModule(LightningDataModule):
         check_choice("category", category, CATEGORIES)
         check_count("num_objects", num_objects)
         check_count("num_views", num_views, 2)
-        check_count("image_size", image_size, 1, 4096)
+        check_count("image_size", image_size)
         check_count("batch_size", batch_size)
         check_count("num_val_objects", num_val_objects)
         check_rising("distance_range", distance_range, 1, 1e6)

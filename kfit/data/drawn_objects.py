@@ -13,9 +13,10 @@ from torch.utils.data import DataLoader, Dataset
 
 from kfit.data import shapes
 from kfit.data.exposure import with_exposure
+from kfit.data.light import Light
 from kfit.data.mesh import Mesh
 from kfit.data.mesh_files import load_mesh
-from kfit.data.rasterizer import Light, pose_view
+from kfit.data.rasterizer import pose_view
 from kfit.runtime.devices import cores, on_one_core
 
 # Objects of one seed are numbered from seed · this, so different seeds share no object.

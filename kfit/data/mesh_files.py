@@ -93,7 +93,7 @@ def load_mesh(path: str | Path) -> Mesh:
         raise ValueError(f"path must hold finite vertices, but {path} has one at {largest:g}.")
     for geometry in geometries:
         if not 0 <= int(geometry.faces.min()) <= int(geometry.faces.max()) < len(geometry.vertices):
-            raise ValueError(f"path must hold whole triangles, but those of {path} have corners that are not there.")
+            raise ValueError(f"path must hold triangles, but those of {path} have missing vertices.")
     try:
         with _without_ghostscript():
             mesh = join([_part(geometry) for geometry in geometries])
@@ -115,10 +115,10 @@ def _measure(path: Path) -> None:
         return
     with path.open("rb") as file:
         (length,) = struct.unpack("<12xI4x", file.read(20))
-        said = json.loads(file.read(min(length, path.stat().st_size)))
-    nodes, values = len(said.get("nodes", [])), sum(int(one["count"]) for one in said.get("accessors", []))
-    parts = sum(len(mesh["primitives"]) for mesh in said.get("meshes", []))
-    parts += sum(len(said.get(name, [])) for name in ("materials", "textures", "images"))
+        header = json.loads(file.read(min(length, path.stat().st_size)))
+    nodes, values = len(header.get("nodes", [])), sum(int(one["count"]) for one in header.get("accessors", []))
+    parts = sum(len(mesh["primitives"]) for mesh in header.get("meshes", []))
+    parts += sum(len(header.get(name, [])) for name in ("materials", "textures", "images"))
     if parts > _MOST_NODES:
         raise ValueError(f"it has {parts:,} primitives, materials and textures, more than {_MOST_NODES:,}")
     if nodes > _MOST_NODES:

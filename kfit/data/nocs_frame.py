@@ -117,7 +117,7 @@ def read_frame(
     """
     path = Path(path)
     color = _picture(Path(f"{path}_color.png"))[..., 2::-1]
-    # The three channels of a mask are equal in REAL275; CAMERA tells the number in red alone.
+    # The three channels of a mask are equal in REAL275; CAMERA has the number in red alone.
     numbers = _same_size(_picture(Path(f"{path}_mask.png")), color, path)[..., 2]
     stored = _same_size(_picture(Path(f"{path}_coord.png")), color, path)[..., 2::-1].astype(np.float32) / 255
     # NOCS stores z mirrored.
@@ -131,7 +131,7 @@ def read_frame(
         if class_id not in _NAMES or instance == _BACKGROUND or not mask.any():
             continue
         box = _box(mask)
-        pose, size, seen = _match(known, class_id, box)
+        pose, size, visible = _match(known, class_id, box)
         if pose is None:
             seen_depth = mask & (depth > 0)
             try:
@@ -139,7 +139,7 @@ def read_frame(
             except ValueError:
                 pose = None
         size = model.size if size is None else size
-        objects.append(NOCSObject(instance, _NAMES[class_id], model, mask, box, pose, size, seen))
+        objects.append(NOCSObject(instance, _NAMES[class_id], model, mask, box, pose, size, visible))
     return NOCSFrame(path, np.ascontiguousarray(color), depth, stored - 0.5, intrinsics, tuple(objects))
 
 
@@ -206,7 +206,9 @@ def _known(truth: str | Path | None) -> Mapping[str, Any] | None:
     if not isinstance(known, dict) or any(known.get(key) is None for key in needed):
         raise ValueError(f"{truth} must hold {', '.join(needed)}")
     if len({len(known[key]) for key in needed}) > 1:
-        raise ValueError(f"{truth} must tell as much of each object, got {[len(known[key]) for key in needed]}")
+        raise ValueError(
+            f"{truth} must have equally many entries of each key, got {[len(known[key]) for key in needed]}"
+        )
     return known
 
 
@@ -216,9 +218,9 @@ def _match(
     """Return pose, size and handle visibility of the object with this class and box, within five pixels in total."""
     if known is None:
         return None, None, True
-    seen = next((known[key] for key in ("gt_handle_visibility", "handle_visibility") if key in known), None)
+    visible = next((known[key] for key in ("gt_handle_visibility", "handle_visibility") if key in known), None)
     for row, (other, place) in enumerate(zip(known["gt_class_ids"], known["gt_bboxes"], strict=True)):
         if int(other) == class_id and np.abs(np.asarray(place) - box).sum() <= 5:
             pose, size = (np.asarray(known[key][row], np.float64) for key in ("gt_RTs", "gt_scales"))
-            return pose, size, seen is None or bool(seen[row])
+            return pose, size, visible is None or bool(visible[row])
     return None, None, True

@@ -101,7 +101,7 @@ def write_result(folder: str | Path, result: dict[str, Any]) -> Path:
         ['real/test/scene_1/0000']
     """
     if not isinstance(result.get("image_path"), str):
-        raise ValueError("result must say its image_path, which names the file")
+        raise ValueError("result must have an image_path, which names the file")
     path = Path(folder) / f"results_{'_'.join(Path(result['image_path']).parts[-3:])}.pkl"
     path.parent.mkdir(parents=True, exist_ok=True)
     dump_pickle(path, result)

@@ -86,7 +86,7 @@ def build_views(
         check_list("source", source, None, check_text)
     check_count("num_objects", num_objects)
     check_count("num_views", num_views)
-    check_count("image_size", image_size, 1, 4096)
+    check_count("image_size", image_size)
     check_count("seed", seed, 0)
     check_choice("held_out", held_out, (False, True))
     check_rising("elevation_deg", elevation_deg, -90, 90)
@@ -216,7 +216,7 @@ class Views:
                 data = {name: read_dataset(file, name, path) for name in there}
                 stated = file.attrs.get("num_views")
         except (OSError, KeyError, RuntimeError, TypeError) as error:  # TypeError for types that NumPy lacks
-            raise ValueError(f"path must name a whole HDF5 file, but {path} cannot be read ({error}).") from error
+            raise ValueError(f"path must name a complete HDF5 file, but {path} cannot be read ({error}).") from error
         for name, ndim in (("images", 4), ("poses", 2)):
             if name not in data or data[name].ndim != ndim:
                 found = data[name].shape if name in data else "no such dataset"

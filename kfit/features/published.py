@@ -70,6 +70,6 @@ def _read(path: str) -> Mapping[str, Tensor]:
         state = load_file(path) if str(path).endswith(".safetensors") else read_torch(path)
     except (SafetensorError, ValueError, OSError) as error:
         raise ValueError(
-            f"weights: {path} can not be read; it must be a whole .pth or .safetensors file of tensors by name"
+            f"weights: {path} cannot be read; it must be a complete .pth or .safetensors file of tensors by name"
         ) from error
     return state if isinstance(state, Mapping) else {}

@@ -70,7 +70,7 @@ class MeshRenderer(Generator):
         unit_fraction: float = UNIT_FRACTION,
     ) -> None:
         super().__init__()
-        check_count("MeshRenderer: image_size", image_size, 1, 4096)
+        check_count("MeshRenderer: image_size", image_size)
         check_range("MeshRenderer: unit_fraction", unit_fraction, 0.1, 10.0)
         check_range("MeshRenderer: distance", distance, 1, 1e6)
         self.variables = {

@@ -59,9 +59,9 @@ class RotationHead(PoseNetwork):
         image_size: int = 64,
     ) -> None:
         check_choice("RotationHead: symmetry", symmetry, ("none", "y"))
-        check_list("RotationHead: channels", channels, None, check_count, 4, 4096)
-        check_count("RotationHead: hidden_dim", hidden_dim, 1, 4096)
-        check_count("RotationHead: image_size", image_size, 2 ** len(channels), 1024)
+        check_list("RotationHead: channels", channels, None, check_count, 4)
+        check_count("RotationHead: hidden_dim", hidden_dim)
+        check_count("RotationHead: image_size", image_size, 2 ** len(channels))
         check_range("RotationHead: bin_deg", bin_deg, 5, 90)
         check_range("RotationHead: sigma_deg", sigma_deg, 0.1, 90)
         if 180 % bin_deg:

@@ -100,7 +100,7 @@ class Template(Generator):
         check_choice("light", light, (False, True))
         check_count("oversampling", oversampling, 1, 16)
         check_range("fill", fill)
-        check_list("control", control, 2, check_count, 2, 4096)
+        check_list("control", control, 2, check_count, 2)
         mask = torch.ones_like(picture[..., :1, :, :]) if mask is None else mask
         check_shape("mask", mask, tuple(picture[..., :1, :, :].shape))
         picture, mask = (picture[None], mask[None]) if single else (picture, mask)

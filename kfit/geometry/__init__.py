@@ -3,21 +3,20 @@
 from kfit.geometry.boxes import EDGES, box_corners, project
 from kfit.geometry.camera import (
     UNIT_FRACTION,
-    depth_along,
     diagonal_at,
     distance_by_focal,
     focal_by_distance,
     intrinsics_from_fov,
-    observed,
     pose_from_crop,
     viewing_ray,
     viewing_ray_rotation,
     with_focal,
 )
 from kfit.geometry.categories import CATEGORIES, Category
-from kfit.geometry.clusters import energy_weights, rotation_clusters, rotation_spread_deg
+from kfit.geometry.clusters import energy_weights, rotation_clusters, rotation_sigma_deg
 from kfit.geometry.crop import Crop
 from kfit.geometry.exif import intrinsics_from_exif, was_cropped
+from kfit.geometry.observed_crop import depth_along, observed
 from kfit.geometry.pose import (
     Symmetry,
     angles_from_rotation,
@@ -64,7 +63,7 @@ __all__ = [
     "rotation_clusters",
     "rotation_error",
     "rotation_from_angles",
-    "rotation_spread_deg",
+    "rotation_sigma_deg",
     "rotation_update",
     "to_opencv",
     "updated_rotation",

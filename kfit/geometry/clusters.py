@@ -63,7 +63,7 @@ def energy_weights(energy: Tensor, temperature: float = TEMPERATURE) -> Tensor:
     return torch.softmax(-(energy - best) / (temperature * best.abs() + 1e-9), 0)
 
 
-def rotation_spread_deg(rotation: Tensor, weight: Tensor, centre: Tensor, symmetry: Symmetry = "none") -> Tensor:
+def rotation_sigma_deg(rotation: Tensor, weight: Tensor, centre: Tensor, symmetry: Symmetry = "none") -> Tensor:
     """Return the weighted angular standard deviation √(Σ w d² / Σ w) of N rotations, in degrees.
 
     Args:
@@ -74,9 +74,9 @@ def rotation_spread_deg(rotation: Tensor, weight: Tensor, centre: Tensor, symmet
 
     Example:
         >>> import torch
-        >>> from kfit.geometry import rotation_from_angles, rotation_spread_deg
+        >>> from kfit.geometry import rotation_from_angles, rotation_sigma_deg
         >>> azimuth, zero = torch.tensor([-0.1, 0.1]), torch.zeros(2)
-        >>> rotation_spread_deg(rotation_from_angles(azimuth, zero, zero), torch.ones(2), torch.eye(3))
+        >>> rotation_sigma_deg(rotation_from_angles(azimuth, zero, zero), torch.ones(2), torch.eye(3))
         tensor(5.7296)
     """
     away = rotation_error(centre, rotation, symmetry).rad2deg()

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from dataclasses import replace
 
 import torch
 from torch import Tensor, nn
 from torch.nn.functional import log_softmax
 
+from kfit.core import Observation, frozen
 from kfit.geometry.pose import Symmetry, rotation_from_angles
 
 
@@ -57,6 +59,22 @@ class PoseNetwork(nn.Module, ABC):
     def forward(self, image: Tensor) -> Tensor:
         """Return log-probabilities (N, B) of the bins, from RGB (N, 3, S, S) in [0, 1] on white."""
 
+    @property
+    def prediction_name(self) -> str:
+        """Name of its output in an observation's predictions; that of `kfit.core.frozen` twins is the same.
+
+        It tells networks apart by where their weights are in memory, which twins share.
+        """
+        return f"log-probabilities by {next(self.parameters()).data_ptr():#x}"
+
+    def log_probabilities(self, observation: Observation) -> Tensor:
+        """Log-probabilities (B, bins) of B problems by their first views: those predicted before, else by `forward`."""
+        known = observation.predictions.get(self.prediction_name)
+        if known is not None:
+            return known
+        found: Tensor = self(observation.first_views().image)
+        return found
+
     def log_kernel(self, azimuth: Tensor, elevation: Tensor, roll: Tensor) -> Tensor:
         """Return the log-probabilities (N, B) of a distribution around N rotations: the target of training.
 
@@ -78,3 +96,17 @@ class PoseNetwork(nn.Module, ABC):
             if self.symmetry == "y":
                 return 1 - rotation[:, :, 1] @ self.rotations[:, :, 1].mT
             return (3 - rotation.flatten(1) @ self.rotations.flatten(1).mT) / 2
+
+
+def with_prediction(observation: Observation, network: PoseNetwork) -> Observation:
+    """The observation with the network's log-probabilities among its predictions.
+
+    Args:
+        observation: B problems, on any device.
+        network: is left as it is, in whatever mode.
+    """
+    device = network.rotations.device
+    with torch.inference_mode(False), torch.no_grad(), torch.autocast(device.type, enabled=False):
+        found = frozen(network).log_probabilities(observation.map(lambda tensor: tensor.to(device)))
+    known = {network.prediction_name: found.to(observation.image.device)}
+    return replace(observation, predictions={**observation.predictions, **known})

@@ -61,7 +61,7 @@ class PosePosterior(Initializer):
         rngs: Sequence[torch.Generator],
     ) -> Variables:
         with torch.no_grad():
-            log_probability = self.head(observation.image)
+            log_probability = self.head.log_probabilities(observation)
             rotation = self._means(log_probability, self._peaks(log_probability, num_starts))
         azimuth, elevation, roll = angles_from_rotation(rotation.cpu())
         if self.head.symmetry == "y":

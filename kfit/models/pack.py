@@ -90,12 +90,12 @@ def _head(path: Path) -> tuple[nn.Module, dict[str, Any], str, Any]:
             raise ValueError(f"--pose-head: the model {path} has none")
         return networks["pose_head"], card.networks["pose_head"], card.category, card.training.get("pose_head")
     found, learned = read_checkpoint(path, ("pose_head",))
-    told = _told(learned)
-    trained = {"data": told, "steps": int(learned["global_step"])}
-    return found["pose_head"], learned["hyper_parameters"]["pose_head"], told["category"], trained
+    training_data = _told(learned)
+    trained = {"data": training_data, "steps": int(learned["global_step"])}
+    return found["pose_head"], learned["hyper_parameters"]["pose_head"], training_data["category"], trained
 
 
 def _told(saved: dict[str, Any]) -> dict[str, Any]:
-    """What a checkpoint tells of its data, without what says nothing or is of the machine alone."""
+    """Return a checkpoint's settings of its data, without empty ones and those of the machine."""
     data = saved["datamodule_hyper_parameters"]
     return {k: v for k, v in data.items() if not k.startswith("_") and k != "cache_dir" and v is not None}

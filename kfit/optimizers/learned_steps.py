@@ -8,7 +8,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from kfit.core import Angle, Evaluate, Evaluation, Optimizer, Variables, frozen
+from kfit.core import Angle, Evaluate, Evaluation, Optimizer, Variables
 from kfit.geometry import RefinerNetwork, angles_from_rotation, refiner_input, updated_rotation
 from kfit.geometry.pose import rotation_of
 
@@ -32,13 +32,12 @@ class LearnedSteps(Optimizer):
     Example:
         >>> from kfit.features import PoseRefiner
         >>> from kfit.optimizers import Adam, Stages
-        >>> optimizer = Stages([(LearnedSteps(PoseRefiner(None)), 3), (Adam(), 13)])
-        >>> len(optimizer.networks)
-        1
+        >>> Stages([(LearnedSteps(PoseRefiner(None)), 3), (Adam(0.02), 13)]).stages[0]
+        (LearnedSteps(refiner=<PoseRefiner>), 3)
     """
 
     def __init__(self, refiner: RefinerNetwork) -> None:
-        self.refiner = frozen(refiner)
+        self.refiner = refiner
 
     def init(self, raw: Variables, seeds: Tensor) -> Any:
         missing = [name for name in MOVED if name not in raw]
@@ -51,9 +50,7 @@ class LearnedSteps(Optimizer):
     ) -> tuple[Variables, Evaluation, Any]:
         seen = evaluate(raw, problem, need="pictures")
         drawn, observed = seen.rendering, seen.observed
-        assert drawn is not None
-        assert observed is not None  # asked for
-        if drawn.mask is None or "mask" not in observed:
+        if drawn is None or drawn.mask is None or "mask" not in observed:
             raise ValueError("LearnedSteps needs masks, both drawn and observed")
         if len(drawn.image) != len(problem):
             raise ValueError("LearnedSteps needs one picture of each problem, got several views")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from torch import Tensor, nn
+from torch import Tensor
 
 from kfit.core import Evaluate, Evaluation, Optimizer, Variables
 from kfit.core.check import check_count, check_list
@@ -43,10 +43,6 @@ class Stages(Optimizer):
         check_list("Stages: stages", stages, None, _check_stage)
         self.stages = list(stages)
 
-    @property
-    def networks(self) -> list[nn.Module]:
-        return [network for optimizer, _ in self.stages for network in optimizer.networks]
-
     def init(self, raw: Variables, seeds: Tensor) -> Any:
         first, *_ = [optimizer.init(raw, seeds) for optimizer, _ in self.stages]  # the others check names here too
         return {"stage": 0, "taken": 0, "seeds": seeds, "inner": first}
@@ -59,8 +55,8 @@ class Stages(Optimizer):
             stage, taken = stage + 1, 0
             # Random numbers must differ from those of the first stage.
             inner = self.stages[stage][0].init(raw, memory["seeds"] ^ stage)
-        new, seen, inner = self.stages[stage][0].step(evaluate, raw, problem, inner)
-        return new, seen, {"stage": stage, "taken": taken + 1, "seeds": memory["seeds"], "inner": inner}
+        new, evaluation, inner = self.stages[stage][0].step(evaluate, raw, problem, inner)
+        return new, evaluation, {"stage": stage, "taken": taken + 1, "seeds": memory["seeds"], "inner": inner}
 
 
 def _check_stage(name: str, stage: Any) -> None:

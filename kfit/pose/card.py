@@ -98,24 +98,24 @@ class Card:
         if len(text) > LARGEST:
             raise ValueError(f"{path} holds no model card: it has {len(text):,} characters, more than {LARGEST:,}")
         try:
-            said = json.loads(text)
+            content = json.loads(text)
         except (ValueError, RecursionError) as error:
             raise ValueError(f"{path} holds no model card: {error}") from None
         names = {f.name for f in fields(Card)}
-        if isinstance(said, dict):
-            said = {"calibration": {}, **said}  # older cards have none
-        if not isinstance(said, dict) or set(said) != names or said["format"] != FORMAT:
+        if isinstance(content, dict):
+            content = {"calibration": {}, **content}  # older cards have none
+        if not isinstance(content, dict) or set(content) != names or content["format"] != FORMAT:
             raise ValueError(
                 f"{path} holds no model card of format {FORMAT}: it must have just {', '.join(sorted(names))}"
             )
         try:
-            check_dict("calibration", said["calibration"], _anything)
-            check_names("calibration", said["calibration"], KINDS)
-            calibration = {kind: Calibration.of(one) for kind, one in said["calibration"].items()}
+            check_dict("calibration", content["calibration"], _anything)
+            check_names("calibration", content["calibration"], KINDS)
+            calibration = {kind: Calibration.of(one) for kind, one in content["calibration"].items()}
         except (ValueError, TypeError) as error:
             raise ValueError(f"{path} holds a calibration that cannot be used: {error}") from None
         try:
-            card = Card(**{**said, "calibration": calibration})
+            card = Card(**{**content, "calibration": calibration})
         except (ValueError, TypeError) as error:
             raise ValueError(f"{path} holds a model card that cannot be used: {error}") from None
         card.elevation_deg = (card.elevation_deg[0], card.elevation_deg[1])

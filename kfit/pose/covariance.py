@@ -38,7 +38,7 @@ DISTANCE_LOG_SD = 0.02
 
 
 def pose_covariance(
-    fit: FitResult, seen: ObservedObject, card: Card, draw: Callable[[Variables], Rendering]
+    fit: FitResult, observed: ObservedObject, card: Card, draw: Callable[[Variables], Rendering]
 ) -> NDArray[np.float64]:
     """Compute the covariance (6, 6) of the answer of one problem's fit, as in `kfit.pose.PoseResult.covariance`.
 
@@ -57,26 +57,26 @@ def pose_covariance(
 
     Args:
         fit: of one problem, on the CPU.
-        seen: what it was fitted to.
+        observed: what it was fitted to.
         card: of the model.
         draw: renders values of the fit.
     """
     symmetry = card.known.symmetry
-    rotation, translation, _ = placement(fit.values, seen.crop, seen.intrinsics, card)
+    rotation, translation, _ = placement(fit.values, observed.crop, observed.intrinsics, card)
 
-    def offsets(values: Variables, camera: Tensor = seen.intrinsics) -> Tensor:
-        turned, moved, _ = placement(values, seen.crop, camera, card)
+    def offsets(values: Variables, camera: Tensor = observed.intrinsics) -> Tensor:
+        turned, moved, _ = placement(values, observed.crop, camera, card)
         return torch.cat([rotation_offset(turned, rotation, symmetry), moved - translation], 1)
 
     exact = {name: value.double() for name, value in fit.values.items()}
     derivatives = _central(lambda steps: offsets(_moved(exact, steps)), 6)
-    precision = _information(fit.values, seen.observation.first_views(), draw) / INFLATION
+    precision = _information(fit.values, observed.observation.first_views(), draw) / INFLATION
     precision = precision + torch.tensor(PRIOR_SD, dtype=torch.float64).pow(-2).diag()
     covariance = derivatives @ torch.linalg.solve(precision, derivatives.mT)
     away = offsets(fit.all_values)
     covariance = covariance + away.mT @ (energy_weights(fit.all_energy.double())[:, None] * away)
-    lens = _central(lambda steps: torch.cat([offsets(*_zoomed(exact, seen.intrinsics, step)) for step in steps]), 1)
-    covariance = covariance + FOCAL_LOG_SD[seen.intrinsics_from] ** 2 * lens @ lens.mT
+    lens = _central(lambda steps: torch.cat([offsets(*_zoomed(exact, observed.intrinsics, step)) for step in steps]), 1)
+    covariance = covariance + FOCAL_LOG_SD[observed.intrinsics_from] ** 2 * lens @ lens.mT
     size = torch.cat([torch.zeros_like(translation), translation], 1)
     covariance = covariance + size_log_sd(fit.values, card) ** 2 * size.mT @ size
     covariance = covariance * _factor(fit.values, card)

@@ -32,7 +32,7 @@ FOCAL_LOG_SD = {
 def interpret(
     category: str,
     fit: FitResult,
-    seen: ObservedObject,
+    observed: ObservedObject,
     placed: tuple[Tensor, Tensor, Tensor],
     hypotheses: PoseHypotheses,
     drawing: Tensor,
@@ -45,7 +45,7 @@ def interpret(
     Args:
         category: of the object.
         fit: of one problem, on the CPU.
-        seen: what it was fitted to.
+        observed: what it was fitted to.
         placed: the winner's rotation (3, 3), translation (3,) and size (3,) in the photo's camera, in metres.
         hypotheses: its poses, and how sure the first of them is.
         drawing: (S, S, 3) of the winner.
@@ -54,14 +54,14 @@ def interpret(
         surface: finds the fitted object's surface.
     """
     rotation, translation, size = placed
-    camera, notes = seen.intrinsics.double(), list(seen.notes)
-    if not seen.lens_known:
+    camera, notes = observed.intrinsics.double(), list(observed.notes)
+    if not observed.lens_known:
         if "focal" in fit.values:
-            camera = with_focal(camera, fit.values["focal"][0].double() * seen.crop.side)
-        notes.append(_lens_note(camera, max(seen.image.shape[:2])))
+            camera = with_focal(camera, fit.values["focal"][0].double() * observed.crop.side)
+        notes.append(_lens_note(camera, max(observed.image.shape[:2])))
     size_doubt = wrong_size(CATEGORIES[category], float(size.norm())) if "distance" in fit.values else None
-    most = DOUBTFUL if seen.doubtful or size_doubt is not None else 1.0
-    rows, columns = (np.flatnonzero((seen.mask > 0.5).any(axis)) for axis in (1, 0))
+    most = DOUBTFUL if observed.doubtful or size_doubt is not None else 1.0
+    rows, columns = (np.flatnonzero((observed.mask > 0.5).any(axis)) for axis in (1, 0))
     left, top = int(columns[0]), int(rows[0])
     return PoseResult(
         category=category,
@@ -76,16 +76,16 @@ def interpret(
         ambiguous=hypotheses.ambiguity is not None,
         alternatives=hypotheses.alternatives,
         intrinsics=camera.numpy(),
-        intrinsics_from=seen.intrinsics_from,
-        focal_log_sd=FOCAL_LOG_SD[seen.intrinsics_from],
+        intrinsics_from=observed.intrinsics_from,
+        focal_log_sd=FOCAL_LOG_SD[observed.intrinsics_from],
         notes=[
             *notes,
             *(note for note in (size_doubt, hypotheses.warning, hypotheses.ambiguity) if note is not None),
         ],
-        image=seen.image,
-        mask=seen.mask,
-        crop=seen.crop,
-        observation=seen.observation,
+        image=observed.image,
+        mask=observed.mask,
+        crop=observed.crop,
+        observation=observed.observation,
         drawing=drawing.numpy(),
         fit=fit,
         draw=draw,

@@ -75,13 +75,13 @@ def object_depth(
     share = kept.sum() / known.sum()
     if share >= MOST:
         return found, [], []
-    told = (
+    message = (
         f"{100 * (1 - share):.0f} % of the depths on the object lie more than {length:.2g} m from the "
         "median and are taken for unknown"
     )
     if share >= FEW:
-        return found, [told], []
-    return found, [], [f"{told}: does the mask cover the background? The confidence is 50 % at most"]
+        return found, [message], []
+    return found, [], [f"{message}: does the mask cover the background? The confidence is 50 % at most"]
 
 
 def wrong_size(category: Category, diagonal: float) -> str | None:
@@ -101,12 +101,12 @@ def _outline(there: NDArray[np.bool_], distance: float, intrinsics: Tensor) -> f
 
 def _sentence(category: Category, diagonal: float) -> str:
     least, most = category.diagonals
-    told = (
+    message = (
         f"depth makes the {category.name} {diagonal:.3g} m large, but the diagonal of a {category.name}'s box is "
         f"between {least:g} and {most:g} m"
     )
     fitting = [name for name, times in UNITS.items() if least <= diagonal / times <= most]
     likely = sorted(fitting, key=lambda name: abs(math.log(diagonal / UNITS[name] / category.mean_diagonal)))[:2]
     if not likely:
-        return f"{told}: is it in metres, are the intrinsics right, and is the mask the object's?"
-    return f"{told}: is its unit wrong ({' or '.join(likely)})?"
+        return f"{message}: is it in metres, are the intrinsics right, and is the mask the object's?"
+    return f"{message}: is its unit wrong ({' or '.join(likely)})?"

@@ -98,11 +98,11 @@ class ObjectFinder:
 
         If no object is probable, the likeliest one may be returned, with a score below 0.5.
         """
-        boxes, scores, seen = self.candidates(image)
+        boxes, scores, certainty = self.candidates(image)
         wanted = [NAMES.index(name) for name in categories]
         shares = self.probabilities(image, boxes, scores)[:, wanted]
         best = shares.max(1, initial=0)
-        rank = best * seen
+        rank = best * certainty
         for probable, seen_by in ((PROBABLE, SEEN), (GUESS, GUESS_SEEN)):
             found: list[FoundObject] = []
             least = max(seen_by, LEAST_OF_BEST * float(rank[best >= probable].max(initial=0)))
@@ -160,8 +160,8 @@ class ObjectFinder:
         if not len(boxes):
             return np.zeros((0, len(NAMES)))
         with torch.no_grad():
-            seen = _classifier()(torch.stack([object_square(image, box, MARGIN) for box in boxes]))
-        logits = seen.double().numpy()
+            certainty = _classifier()(torch.stack([object_square(image, box, MARGIN) for box in boxes]))
+        logits = certainty.double().numpy()
         if scores is None:
             proposals = self._detector(image)
             near = iou(np.asarray(boxes), proposals.boxes) > SAME

@@ -114,8 +114,8 @@ class ObservedObject:
 
 def _is_plain(observation: Observation) -> bool:
     """Return whether the object's colours, each in [0, 1], have a standard deviation below 0.01."""
-    seen = observation.field("image")[0].flatten(1)[:, observation.field("mask")[0, 0].flatten() > 0.9]
-    return seen.shape[1] > 1 and float(seen.std(1).max()) < _LEAST_SPREAD
+    colors = observation.field("image")[0].flatten(1)[:, observation.field("mask")[0, 0].flatten() > 0.9]
+    return colors.shape[1] > 1 and float(colors.std(1).max()) < _LEAST_SPREAD
 
 
 def cut_off(mask: NDArray[Any]) -> str | None:
@@ -138,5 +138,5 @@ def too_small(crop: Crop) -> str | None:
     box, needed = crop.side / MARGIN, crop.size / MARGIN
     return (
         f"the object is small: the longer side of its box has {box:.0f} pixels, and the drawing that is fitted to it "
-        f"{needed:.0f}; little of it can be told"
+        f"{needed:.0f}; its details are lost"
     )

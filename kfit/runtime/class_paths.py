@@ -1,7 +1,8 @@
-"""Class paths of earlier versions: recipes, checkpoints and cards that name them are still read."""
+"""Class paths and arguments of earlier versions: recipes, checkpoints and cards that name them are still read."""
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import yaml  # type: ignore[import-untyped]
@@ -27,6 +28,19 @@ MOVED = {
     "kfit.training.recolor.Recolor": "kfit.training.RandomRecolor",
     "kfit.training.whole_checkpoints.WholeCheckpoints": "kfit.training.AtomicCheckpoints",
 }
+# Old name of an argument → the new one, of the classes whose present import path begins so.
+AUGMENTATIONS = {
+    "disturb": "corruption",
+    "jitter": "similarity",
+    "photograph": "photometric",
+    "recolor": "recoloring",
+}
+RENAMED = {
+    "kfit.training.": AUGMENTATIONS,
+    "kfit.generators.PoseHead": {"spread_deg": "sigma_deg"},
+    "kfit.initializers.": {"spread": "sigma"},
+    "kfit.optimizers.CMAES": {"spread": "sigma"},
+}
 
 
 def current_path(name: str) -> str:
@@ -42,12 +56,33 @@ def current_path(name: str) -> str:
 
 
 def current_paths(value: Any) -> Any:
-    """Replace old class paths in a value of dicts, lists and strings."""
+    """Replace old class paths, and old names of those classes' arguments, in a value of dicts, lists and strings."""
     if isinstance(value, str):
         return current_path(value)
     if isinstance(value, dict):
-        return {key: current_paths(one) for key, one in value.items()}
+        present = {key: current_paths(one) for key, one in value.items()}
+        if isinstance(arguments := present.get("init_args"), dict):
+            renamed = _renamed(str(present.get("class_path")))
+            present["init_args"] = {renamed.get(key, key): one for key, one in arguments.items()}
+        return present
     return [current_paths(one) for one in value] if isinstance(value, list) else value
+
+
+def current_word(word: str) -> str:
+    """Replace an old class path in a word of a training's command line, or the old name of one of its arguments.
+
+    >>> current_word("--model.jitter.roll_deg=5")
+    '--model.similarity.roll_deg=5'
+    """
+    head, dot, rest = word.partition(".")
+    if head != "--model" or not dot:
+        return current_path(word)
+    name, end = re.match(r"(?:init_args\.)?(\w*)(.*)", rest, re.DOTALL).groups()  # type: ignore[union-attr]
+    return f"--model.{AUGMENTATIONS.get(name, name)}{end}"
+
+
+def _renamed(path: str) -> dict[str, str]:
+    return next((names for begin, names in RENAMED.items() if path.startswith(begin)), {})
 
 
 def read_old_paths() -> None:

@@ -56,15 +56,15 @@ def session(args: Sequence[str] | None) -> Iterator[list[str]]:
     """
     general = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
     add_general_options(general)
-    said, words = general.parse_known_args(list(sys.argv[1:] if args is None else args))
-    quiet, verbose = "quiet" in said, "verbose" in said and "quiet" not in said
+    general_options, words = general.parse_known_args(list(sys.argv[1:] if args is None else args))
+    quiet, verbose = "quiet" in general_options, "verbose" in general_options and "quiet" not in general_options
     handler, before = _Stderr(), log.level
     handler.setFormatter(logging.Formatter("kfit: %(message)s"))
     log.addHandler(handler)
     log.setLevel(logging.ERROR if quiet else logging.DEBUG if verbose else logging.INFO)
     try:
         with _writable(), _drawing_to_files(), _endings(verbose), warnings.catch_warnings():
-            if quiet and "verbose" in said:
+            if quiet and "verbose" in general_options:
                 raise ValueError("--quiet and --verbose were both given; use one of them")
             if quiet:
                 warnings.simplefilter("ignore")

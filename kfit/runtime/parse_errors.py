@@ -13,7 +13,7 @@ NAMES = {"int": "a whole number", "float": "a number", "bool": "true or false", 
 LONGEST = 80
 
 
-def sentence(told: str) -> str:
+def sentence(message: str) -> str:
     """The innermost reason of the tree that jsonargparse draws of keys and of the types that were tried.
 
     ``trainer.max_epochs must be a whole number or null, got many``. What is no such tree is put on one line.
@@ -22,7 +22,7 @@ def sentence(told: str) -> str:
     reasons: list[tuple[int, str, str]] = []  # depth, path of keys, and message
     wanted: list[tuple[int, str, str]] = []
     got = ""
-    for line in told.splitlines():
+    for line in message.splitlines():
         text = line.strip().removeprefix("- ")
         depth = len(line) - len(line.lstrip(" -"))
         keys = [(above, key) for above, key in keys if above < depth]
@@ -39,14 +39,14 @@ def sentence(told: str) -> str:
         elif text and not text.startswith(LEADING):
             reasons.append((depth, path, text))
     if not wanted and not any(path for _, path, _ in reasons):
-        return _on_one_line(told)
+        return _on_one_line(message)
     deepest = max((one[0] for one in reasons + wanted), default=0)
     for depth, path, reason in reasons:
         if depth == deepest:
             return _on_one_line(f"{path}: {reason}" if path else reason)
     path, kinds = _last(wanted, deepest)
     if not path:
-        return _on_one_line(told)
+        return _on_one_line(message)
     came = _on_one_line(got)
     came = "nothing" if not came else came if len(came) <= LONGEST else f"{came[:LONGEST]}…"
     return f"{path} must be {' or '.join(kinds)}, got {came}"

@@ -1,4 +1,4 @@
-"""``lightning fit -c recipe.yaml``: Lightning's command line over kfit's parts and anybody's own."""
+"""``lightning fit -c recipe.yaml``: Lightning's command line for kfit's parts and the user's own."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from lightning.pytorch.cli import LightningArgumentParser, LightningCLI
 from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger
 
 from kfit.geometry.categories import CATEGORIES, Category
-from kfit.runtime.class_paths import current_path, current_paths, read_old_paths
+from kfit.runtime.class_paths import current_paths, current_word, read_old_paths
 from kfit.runtime.console import see_working_folder, session
 from kfit.runtime.help_page import HelpPage
 from kfit.runtime.parse_errors import sentence
@@ -56,7 +56,7 @@ NEEDLESS_ELSEWHERE = (
 
 
 class _Parser(LightningArgumentParser):
-    """Understands class paths of earlier versions in the hyperparameters of checkpoints too."""
+    """Reads class paths of earlier versions, also in the hyperparameters of checkpoints."""
 
     def parse_object(self, cfg_obj: Any, *args: Any, **kwargs: Any) -> Any:
         return super().parse_object(current_paths(cfg_obj), *args, **kwargs)
@@ -64,17 +64,17 @@ class _Parser(LightningArgumentParser):
 
 class _CLI(LightningCLI):
     def parse_arguments(self, parser: LightningArgumentParser, args: Any) -> None:
-        """Understand the words, or raise a ValueError of one sentence."""
+        """Parse the arguments, or raise a ValueError of one sentence."""
         try:
             with no_exit():
                 super().parse_arguments(parser, args)
         except (ArgumentError, TypeError) as error:
             command = " ".join(["kfit", *(word for word in args[:1] if word in COMMANDS)])
-            told = sentence(str(error))
-            if told.startswith("Problems parsing config"):  # the message lacks the file
+            message = sentence(str(error))
+            if message.startswith("Problems parsing config"):  # the message lacks the file
                 recipes = [name for option, name in pairwise(args) if option in ("-c", "--config")]
-                told = f"{', '.join(recipes)}: {told}"
-            raise ValueError(f"{told}; `{command} --help` shows the usage") from None
+                message = f"{', '.join(recipes)}: {message}"
+            raise ValueError(f"{message}; `{command} --help` shows the usage") from None
 
     def instantiate_classes(self) -> None:
         """Build the parts; errors become one sentence."""
@@ -96,14 +96,14 @@ class _CLI(LightningCLI):
                 config[f"model.init_args.{argument}"] = known(category)
 
     def instantiate_trainer(self, **kwargs: Any) -> Trainer:
-        """The recipe's trainer; unless it says otherwise with TensorBoard's and CSV logs in one folder.
+        """Build the recipe's trainer, by default with TensorBoard's and CSV logs in one folder.
 
-        A fit with a logger of any kind logs its learning rate, and pictures where the model draws some.
+        A fit with a logger logs its learning rate, and pictures if the model draws some.
         """
-        said = self._get(self.config_init, "trainer", default={})
-        logger, callbacks = said.get("logger"), said.get("callbacks") or []
-        if logger in (None, True) and self.subcommand != "predict" and not said.get("barebones"):
-            root = said.get("default_root_dir") or os.getcwd()
+        settings = self._get(self.config_init, "trainer", default={})
+        logger, callbacks = settings.get("logger"), settings.get("callbacks") or []
+        if logger in (None, True) and self.subcommand != "predict" and not settings.get("barebones"):
+            root = settings.get("default_root_dir") or os.getcwd()
             # The first one finds the number of the version, and minds a folder that is not empty.
             table = CSVLogger(root)
             logger = [table, TensorBoardLogger(root, version=table.version, default_hp_metric=False)]
@@ -176,7 +176,7 @@ def run(words: Sequence[str], callbacks: Sequence[Callback] = ()) -> None:
                 for name, example in COMMANDS.items()
             },
         },
-        args=[current_path(word) for word in words],
+        args=[current_word(word) for word in words],
     )
 
 

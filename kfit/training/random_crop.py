@@ -1,4 +1,4 @@
-"""Views cut out as photos are: turned in the plane and framed by the object's outline."""
+"""Views cropped like photos: rotated in the plane and framed by the object's outline."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from kfit.geometry.crop import MARGIN
 
 
 class RandomCrop:
-    """Turns views at random, hides a side of some, and cuts them out by the box of what is seen of them.
+    """Rotate views at random, hide a side of some, and crop them by the box of the visible part.
 
-    A view of a generator shows the object upright, its box's centre in the middle and its size as it is. The crop of a
+    A view of a generator shows the object upright, with its box's centre in the middle and a fixed scale. The crop of a
     photo is framed by the mask's box (`kfit.geometry.Crop.around`), and hand-held cameras and lying objects are rolled.
     Half of the rolls are normal around 0, the others uniform over the circle: objects mostly stand, but not always.
 
     Args:
         size: side of the crops in pixels.
         roll_deg: standard deviation of the rolls around 0.
-        shift: largest shift of the crop's centre, as a share of its side.
+        shift: largest shift of the crop's centre, as a fraction of its side.
         scale: largest factor on the crop's side; factors are log-uniform between its inverse and itself.
         hidden: probability that a side of the object is hidden, up to 0.4 of its extent, as by a picture's border or
             by another object.
 
     Raises:
-        ValueError: for a setting out of range.
+        ValueError: if an argument is out of range.
     """
 
     def __init__(
@@ -129,14 +129,14 @@ def crop_rolled(image: Tensor, mask: Tensor, roll: Tensor, size: int) -> Tensor:
 
 
 def _pixels(mask: Tensor) -> tuple[Tensor, Tensor]:
-    """Coordinates (S,) across and (S, 1) down of pixels from the picture's middle."""
+    """Return coordinates (S,) across and (S, 1) down of pixels from the picture's centre."""
     side = mask.shape[-1]
     place = torch.arange(side, device=mask.device, dtype=mask.dtype) - (side - 1) / 2
     return place, place[:, None]
 
 
 def _extreme(value: Tensor, there: Tensor, largest: bool) -> Tensor:
-    """Largest or least of (N, S, S) where the object is; 0 where it is nowhere."""
+    """Return the largest or least of (N, S, S) on the object; 0 without an object."""
     filled = value.masked_fill(~there, -torch.inf if largest else torch.inf)
     extreme = filled.amax((1, 2)) if largest else filled.amin((1, 2))
     return extreme.nan_to_num(0.0, 0.0, 0.0)

@@ -1,4 +1,4 @@
-"""What a training step costs."""
+"""The cost of a training step."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from kfit.runtime.devices import Operations, matrix_rate, wait
 
 
 class Stopwatch(Callback):
-    """Times training steps and the waits between them.
+    """Measure the time of training steps and of the waits between them.
 
     Args:
-        warm_up: steps that do not count, one or more: networks are compiled in the first.
+        warm_up: number of initial steps that are ignored, at least 1, because the first compiles networks.
 
     Attributes:
         seconds: of a step, the median.

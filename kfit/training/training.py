@@ -20,12 +20,11 @@ from kfit.runtime.devices import compile_networks
 
 
 class Training(LightningModule):
-    """A LightningModule whose checkpoints rebuild themselves, whose rate rises and falls, and that is judged by the
-    same measures in validation and in test.
+    """Base of kfit's LightningModules: self-contained checkpoints, a learning-rate schedule, and common metrics.
 
-    Where `report` calls `record_rotations`, the median error is logged as ``val/rotation_deg`` or
-    ``test/rotation_deg``, and the shares of them under 10° and 30°, which are average precisions as the paper counts
-    them, as ``…/within_10deg`` and ``…/within_30deg``: those of all processes together.
+    If `report` calls `record_rotations`, the median error is logged as ``val/rotation_deg`` or ``test/rotation_deg``,
+    and the fractions of errors under 10° and 30°, which are average precisions as in the paper, as ``…/within_10deg``
+    and ``…/within_30deg``, over all processes.
 
     Attributes:
         rate: largest learning rate.
@@ -67,7 +66,7 @@ class Training(LightningModule):
         self._report_rotations("test")
 
     def record_rotations(self, found: Tensor, truth: Tensor, symmetry: Symmetry) -> None:
-        """Record the errors of rotations (N, 3, 3) against the truth (N, 3, 3); the epoch's end logs them.
+        """Record the errors of rotations (N, 3, 3), which are logged at the end of the epoch.
 
         Objects of symmetry ``"y"`` count by the angle between their axes.
         """
@@ -86,10 +85,10 @@ class Training(LightningModule):
             self.log(f"{stage}/within_{limit}deg", found[f"under_{limit}"], sync_dist=True)
 
     def remember(self, frame: FrameType | None) -> None:
-        """Keep the arguments of the constructor whose frame this is for the checkpoint, as plain data.
+        """Store the arguments of the calling constructor in the checkpoint, as plain data.
 
-        From a recipe networks come as words and are kept. Built by hand they come as modules, for which Lightning
-        warns: they are left out, also of what it shows to loggers.
+        Networks from a recipe are plain data and are stored. Networks that were built in Python are modules, for which
+        Lightning warns: they are omitted, also in loggers.
         """
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -103,7 +102,7 @@ class Training(LightningModule):
             self.print("no C++ compiler found: training goes on uncompiled")
 
     def configure_optimizers(self) -> Any:
-        """AdamW whose rate rises over the first twentieth of the steps and falls as a cosine.
+        """Return AdamW with a rate that rises over the first twentieth of the steps and falls as a cosine.
 
         Raises:
             ValueError: for a trainer without an end.
@@ -119,7 +118,7 @@ class Training(LightningModule):
 
 
 def _share(step: int, total: int) -> float:
-    """Share of the largest rate: up over the first twentieth of the steps, then down as a cosine."""
+    """Return the fraction of the largest rate: rising over the first twentieth of the steps, then a cosine."""
     rise = max(1, total // 20)
     if step < rise:
         return (step + 1) / (rise + 1)
@@ -127,7 +126,7 @@ def _share(step: int, total: int) -> float:
 
 
 def _is_plain(value: Any) -> bool:
-    """Whether a hyperparameter is made of numbers, strings and the like alone, so that a checkpoint may hold it."""
+    """Return whether a hyperparameter consists of plain values only, so that a checkpoint can hold it."""
     if isinstance(value, dict):
         return all(_is_plain(item) for item in value.values())
     return value is None or isinstance(value, str | int | float | list | tuple)

@@ -151,7 +151,7 @@ def test_a_unit_is_measured_once_for_the_same_settings(how, monkeypatch, tmp_pat
     assert len(measured) == 2
 
 
-def test_reconstruction_is_judged_on_objects_of_held_out_and_of_known_families(monkeypatch, tmp_path):
+def test_reconstruction_is_evaluated_on_objects_of_held_out_and_of_known_families(monkeypatch, tmp_path):
     monkeypatch.setattr(drawings, "L1_OBJECTS", 1)
     monkeypatch.setattr(drawings, "L1_FITTED", 2)
     held_out, known, fitted = drawings.novel_view_l1(load("can"), tmp_path)
@@ -162,7 +162,7 @@ def test_reconstruction_is_judged_on_objects_of_held_out_and_of_known_families(m
 
 
 @pytest.mark.parametrize("energy", fits.ENERGIES)
-def test_a_fit_of_each_energy_runs_and_its_path_is_told(energy):
+def test_a_fit_of_each_energy_runs_and_its_path_is_reported(energy):
     model = load("laptop")
     views = held_out_views(model, 1, 3)
     found = fits.by_fit(model, views, fits.paper_fit(model, fits.Schedule(2, 1), energy), lambda done: None)
@@ -189,7 +189,7 @@ def test_a_path_is_that_of_the_start_which_won():
     assert len(rotations) == 2
 
 
-def test_a_hidden_handle_is_judged_by_the_axis():
+def test_a_hidden_handle_is_evaluated_by_the_axis():
     model = load("mug")
     views = held_out_views(model, 2, 0)
     turned = views.rotation @ torch.tensor([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]], dtype=torch.float64)

@@ -29,7 +29,7 @@ def test_whole_words_of_names_tell_the_category(tmp_path: Path) -> None:
     assert {path.parent.name for path in unknown} == {"scanned", "Shampoo"}
 
 
-def test_what_is_said_of_a_scan_counts_before_its_name(tmp_path: Path) -> None:
+def test_the_category_of_an_argument_counts_before_the_name_of_a_scan(tmp_path: Path) -> None:
     for name in ("mug", "shampoo"):
         write_box(tmp_path / name)
     said = [f"bottle={tmp_path / 'shampoo'}@-y", f"bowl={tmp_path / 'mug'}", f"{tmp_path}@y"]

@@ -26,17 +26,20 @@ class Told(Generator):
         return Rendering(image, torch.ones_like(image[:, :1]))
 
 
+SEEN = []
+"""What the network has seen."""
+
+
 class Always(RefinerNetwork):
     """Predicts one update, whatever it sees."""
 
     def __init__(self, rotation=(0.0, 0.0, 0.0), shift=(0.0, 0.0), log_scale=0.0):
         super().__init__()
-        self.seen = []
         step = torch.tensor([*rotation, *shift, log_scale])
         self.register_buffer("told", step)
 
     def forward(self, observed, drawn):
-        self.seen.append((observed, drawn))
+        SEEN.append((observed, drawn))
         step = self.told.expand(len(observed), 6)
         return PoseUpdate(step[:, :3], step[:, 3:5], step[:, 5], 0 * step[:, :4], 0 * step[:, 0])
 
@@ -74,13 +77,12 @@ def test_a_descent_continues_where_learned_steps_have_led():
 
 
 def test_the_network_sees_photo_and_drawing_and_not_what_has_no_weight():
-    refiner = Always()
-    optimizer = LearnedSteps(refiner)
+    SEEN.clear()
     weight = torch.ones(1, 1, 8, 8)
     weight[..., 0] = 0
     photo = torch.full((1, 3, 8, 8), 0.25)
-    fit(optimizer, observation=Observation(photo, torch.ones(1, 1, 8, 8), weight=weight))
-    ((observed, drawn),) = optimizer.refiner.seen
+    fit(LearnedSteps(Always()), observation=Observation(photo, torch.ones(1, 1, 8, 8), weight=weight))
+    ((observed, drawn),) = SEEN
     assert observed.shape == drawn.shape == (2, 4, 8, 8)
     for seen in (observed, drawn):
         assert (seen[:, :3, :, 0] == 1).all()
@@ -103,7 +105,7 @@ def test_a_pipeline_moves_its_network():
     optimizer = Stages([(LearnedSteps(Always()), 1), (Adam(), 1)])
     pipeline = FitPipeline(SimilarityWarp(Told()), {"look": L2()}, [Constant(START)], optimizer)
     pipeline.to(torch.float64)
-    assert optimizer.networks[0].told.dtype == torch.float64
+    assert pipeline.optimizer.stages[0][0].refiner.told.dtype == torch.float64
 
 
 class Flat(Generator):

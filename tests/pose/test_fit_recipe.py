@@ -26,12 +26,12 @@ def test_the_released_fit_has_the_released_numbers():
     assert isinstance(fit.optimizer, Adam)
     assert (fit.optimizer.betas, fit.optimizer.decay) == ((0.5, 0.999), 1.0)
     assert fit.optimizer.rates["code"] == 0.3
-    assert fit.callbacks == []
+    assert fit.callbacks == ()
     assert isinstance(fit.initializers[-1], EncoderPosterior)
 
 
 @pytest.mark.parametrize(("category", "symmetry"), [("laptop", "none"), ("can", "y")])
-def test_the_selector_is_told_the_symmetry(category, symmetry):
+def test_the_selector_gets_the_symmetry(category, symmetry):
     assert fit_of(RELEASED, load(category), OFFLINE).selector.symmetry == symmetry
 
 

@@ -167,7 +167,7 @@ def test_an_answer_from_a_fit_of_several_objects_has_a_page_of_its_own() -> None
     )
     observed = ObservedObject.of(alone.image, "mug", 64, mask=alone.mask)
     pipeline = model.pipeline(STARTS, STEPS, [Pruning({PRUNED_AT: KEPT})])
-    answers = model.answers(pipeline(both, seed=0), [observed, observed])
+    answers = model.answers(pipeline(both, seed=0), [observed, observed], both)
     assert answers[1] is not None
     frames, expected = fit_frames(answers[1]), fit_frames(alone)
     assert frames.energy == pytest.approx(expected.energy, rel=1e-3)

@@ -41,7 +41,7 @@ def test_the_front_is_where_the_camera_sees_it(azimuth: float, words: str) -> No
     assert ("towards you" in words) == (z < -0.38)
 
 
-def test_heights_and_leans_are_said_where_there_are_any() -> None:
+def test_heights_and_leans_are_described_if_there_are_any() -> None:
     assert view(-90, 1) == "seen from the side, handle towards you"
     assert view(-90, -20) == "seen from 20° below, handle towards you"
     assert view(-90, 86) == "seen from straight above, handle towards you"

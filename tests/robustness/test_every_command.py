@@ -295,7 +295,7 @@ TREES = {
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:LightningCLI's args parameter")
 @pytest.mark.parametrize("word", TREES)
-def test_a_training_s_mistakes_are_told_in_one_sentence(
+def test_a_training_s_mistakes_are_reported_in_one_sentence(
     word: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr("sys.argv", ["kfit"])

@@ -211,7 +211,7 @@ def test_a_command_with_a_photo_turned_by_exif_takes_mask_and_box_in_upright_pix
     assert seen[0].mean() > 0.3  # it is not turned away
 
 
-def test_names_of_any_letters_are_told_on_one_line(
+def test_names_of_any_letters_are_reported_on_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)

@@ -133,12 +133,12 @@ def _robustness_rows(units: Units) -> list[str]:
     ]
     for name in names:
         kind, _, strength = name.partition(" ")
-        said = "none, instances of training" if kind == "instances" else f"{kind} {100 * float(strength):+.0f} %"
+        label = "none, instances of training" if kind == "instances" else f"{kind} {100 * float(strength):+.0f} %"
         cells = []
         for unit in methods:
             wrong = np.nan_to_num(units[STUDIED, unit][name], nan=180.0)
             cells.append(f"{wrong.mean():.1f}° ({np.median(wrong):.1f}°)")
-        lines.append(f"| {said} | {' | '.join(cells)} |")
+        lines.append(f"| {label} | {' | '.join(cells)} |")
     return [*lines, ""]
 
 

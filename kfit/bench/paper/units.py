@@ -144,8 +144,8 @@ class Measuring:
 def changer(kind: str, strength: float) -> Callable[[Observation], Observation]:
     """What changes views by one of `kfit.bench.paper.fits.levels`, each view in the same way at every strength."""
 
-    def change(seen: Observation) -> Observation:
-        image, mask, rng = seen.image, seen.field("mask"), torch.Generator().manual_seed(0)
+    def change(observation: Observation) -> Observation:
+        image, mask, rng = observation.image, observation.field("mask"), torch.Generator().manual_seed(0)
         if kind == "brightness":
             image = brightened(image, mask, 1 + strength)
         elif kind == "occlusion":
@@ -153,6 +153,6 @@ def changer(kind: str, strength: float) -> Callable[[Observation], Observation]:
         else:
             turn = 2 * torch.pi * torch.rand(len(image), generator=rng)
             image, mask = shifted(image, mask, strength * torch.stack([turn.cos(), turn.sin()], 1))
-        return Observation(image, mask, seen.depth, intrinsics=seen.intrinsics, keys=seen.keys)
+        return replace(observation, image=image, mask=mask)
 
     return change

@@ -116,8 +116,8 @@ class Training:
     def _run(words: Sequence[str], log: Path) -> None:
         code = "import sys; from kfit.training.lightning_cli import main; main(sys.argv[1:])"
         with log.open("ab") as file:
-            said = [*words, "--trainer.enable_progress_bar", "false"]
-            done = subprocess.run([sys.executable, "-c", code, *said], stdout=file, stderr=subprocess.STDOUT)
+            arguments = [*words, "--trainer.enable_progress_bar", "false"]
+            done = subprocess.run([sys.executable, "-c", code, *arguments], stdout=file, stderr=subprocess.STDOUT)
         if done.returncode:
             raise RuntimeError(f"training failed with exit status {done.returncode}; see {log}")
 

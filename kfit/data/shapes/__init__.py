@@ -9,8 +9,8 @@ import numpy as np
 from kfit import geometry
 from kfit.core.check import check_choice, check_count
 from kfit.data.exposure import with_exposure
+from kfit.data.light import Light
 from kfit.data.mesh import Mesh
-from kfit.data.rasterizer import Light
 
 CATEGORIES = tuple(sorted(geometry.CATEGORIES, key=lambda name: geometry.CATEGORIES[name].nocs_id))
 """Names of the categories, in the order of NOCS's class ids 1 to 6."""
