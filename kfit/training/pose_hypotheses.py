@@ -80,6 +80,8 @@ class Hypotheses(NamedTuple):
         place = {"shift": self.at_shift, "scale": self.at_log_scale.exp()}
         lens = {"focal": self.focal} if "focal" in generator.variables else {}
         drawn = SimilarityWarp(generator)(code=self.code, **angles, **place, **lens)
+        if drawn.mask is None:
+            raise ValueError("a refiner learns from generators that draw masks, this one draws none")
         return RefinerRows(
             observed=self.observed,
             drawn=refiner_input(drawn.image, drawn.mask, self.visible),
