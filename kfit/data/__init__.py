@@ -1,5 +1,6 @@
 """Data: procedural objects, meshes, a rasterizer, views in HDF5 and the LightningDataModule that serves them."""
 
+from kfit.data.categories_datamodule import CategoriesDataModule
 from kfit.data.datamodule import ViewsDataModule
 from kfit.data.light import Light
 from kfit.data.mesh import Mesh, join
@@ -15,6 +16,7 @@ from kfit.data.views import Views, build_views
 
 __all__ = [
     "CATEGORIES",
+    "CategoriesDataModule",
     "Light",
     "Mesh",
     "NOCSFrame",

@@ -27,6 +27,13 @@ from kfit.geometry.pose import (
     to_opencv,
 )
 from kfit.geometry.pose_network import PoseNetwork
+from kfit.geometry.refiner_network import (
+    PoseUpdate,
+    RefinerNetwork,
+    refiner_input,
+    rotation_update,
+    updated_rotation,
+)
 
 __all__ = [
     "CATEGORIES",
@@ -35,6 +42,8 @@ __all__ = [
     "Category",
     "Crop",
     "PoseNetwork",
+    "PoseUpdate",
+    "RefinerNetwork",
     "Symmetry",
     "angles_from_rotation",
     "azimuth_from_released",
@@ -50,11 +59,14 @@ __all__ = [
     "observed",
     "pose_from_crop",
     "project",
+    "refiner_input",
     "rotation_clusters",
     "rotation_error",
     "rotation_from_angles",
     "rotation_sigma_deg",
+    "rotation_update",
     "to_opencv",
+    "updated_rotation",
     "viewing_ray",
     "viewing_ray_rotation",
     "was_cropped",
