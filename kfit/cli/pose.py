@@ -92,9 +92,11 @@ def run(args: Namespace) -> None:
             try:
                 photo, targets = found(number)
                 depth = None if args.depth is None else depth_from_file(args.depth, photo.image.shape[:2])
+                ignore = None if args.ignore is None else mask_from_file(args.ignore, photo.image.shape[:2])
                 _check_one(args, targets)
                 answers[name] = [
-                    _answer(args, model_of(target.category), photo, target, depth, len(photos)) for target in targets
+                    _answer(args, model_of(target.category), photo, target, depth, ignore, len(photos))
+                    for target in targets
                 ]
             except (ValueError, OSError) as error:
                 if len(photos) == 1:
@@ -128,7 +130,7 @@ def _check(args: Namespace, photos: Sequence[str]) -> None:
         raise ValueError("--relative-poses is of several photos of one object, but 1 photo was given")
     if several and args.fit is not None:
         raise ValueError("--fit and --relative-poses were both given; a recipe fits one photo")
-    for option in ("depth",) if several else ("depth", "report", "animation", "mesh"):
+    for option in ("depth", "ignore") if several else ("depth", "ignore", "report", "animation", "mesh"):
         if args[option] is not None and len(photos) > 1:
             raise ValueError(f"--{option} is of one photo, but {len(photos)} were given")
 
@@ -159,7 +161,7 @@ def _picked(targets: Sequence[FoundObject]) -> list[FoundObject]:
 
 
 def _answer(
-    args: Namespace, model: CategoryModel, photo: Photo, target: FoundObject, depth: Any, num_photos: int
+    args: Namespace, model: CategoryModel, photo: Photo, target: FoundObject, depth: Any, ignore: Any, num_photos: int
 ) -> PoseResult:
     """The pose of one object, with its notes in the log."""
     from kfit.callbacks import Progress
@@ -172,7 +174,7 @@ def _answer(
 
         fit = fit_of(args.fit, model)
     watching = [Progress()] if num_photos == 1 else []
-    result = pose_of(model, photo, target, camera_of(args), depth, args.seed, fit, watching)
+    result = pose_of(model, photo, target, camera_of(args), depth, args.seed, fit, watching, ignore)
     for note in result.notes:
         log.info("%s", note)
     return result

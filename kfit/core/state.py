@@ -54,6 +54,17 @@ class ResidualEvaluation(Evaluation):
     residuals: Tensor
 
 
+@dataclass(kw_only=True)
+class PicturesEvaluation(Evaluation):
+    """Energies of N rows and the observed pictures.
+
+    Attributes:
+        observed: fields of the observation, such as ``image`` and ``mask``, for each drawn picture.
+    """
+
+    observed: dict[str, Tensor]
+
+
 @dataclass
 class FitState:
     """State of a fit: N rows, each one start of one problem.

@@ -26,6 +26,13 @@ from kfit.geometry.pose import (
     to_opencv,
 )
 from kfit.geometry.pose_network import PoseNetwork
+from kfit.geometry.refiner_network import (
+    PoseUpdate,
+    RefinerNetwork,
+    refiner_input,
+    rotation_update,
+    updated_rotation,
+)
 from kfit.geometry.symmetry import SYMMETRIES, Symmetry, check_symmetry, num_turns, turns_about_y
 
 __all__ = [
@@ -36,6 +43,8 @@ __all__ = [
     "Category",
     "Crop",
     "PoseNetwork",
+    "PoseUpdate",
+    "RefinerNetwork",
     "Symmetry",
     "angles_from_rotation",
     "azimuth_from_released",
@@ -53,12 +62,15 @@ __all__ = [
     "observed",
     "pose_from_crop",
     "project",
+    "refiner_input",
     "rotation_clusters",
     "rotation_error",
     "rotation_from_angles",
     "rotation_sigma_deg",
+    "rotation_update",
     "to_opencv",
     "turns_about_y",
+    "updated_rotation",
     "viewing_ray",
     "viewing_ray_rotation",
     "was_cropped",

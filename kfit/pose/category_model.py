@@ -153,6 +153,7 @@ class CategoryModel(HubModel):
         intrinsics: NDArray[Any] | Tensor | None = None,
         depth: NDArray[Any] | None = None,
         *,
+        ignore: NDArray[Any] | None = None,
         relative_poses: NDArray[Any] | Tensor | None = None,
         segmenter: str | Path | Segmenter | Sequence[Segmenter] | None = None,
         seed: int = 0,
@@ -175,6 +176,8 @@ class CategoryModel(HubModel):
             box: left, top, width, height in pixels.
             intrinsics: (3, 3).
             depth: (H, W) in metres along the camera's axis; values that are not finite and above 0 are unknown.
+            ignore: (H, W), above one half of its full scale where something else hides the object: pixels do not count
+                there. The object may continue behind it.
             relative_poses: (V, 4, 4), map points in the first camera to each of V cameras (OpenCV axes, metres); the
                 first is the identity. They determine distance and size.
             segmenter: finds the object in ``box``, or without one the object of this category with the highest score:
@@ -187,7 +190,7 @@ class CategoryModel(HubModel):
             FileNotFoundError, ValueError: if inputs cannot be used, in one sentence.
         """
         observed, observation = observe(
-            image, self.card.known, self.image_size, mask, box, intrinsics, depth, relative_poses, segmenter
+            image, self.card.known, self.image_size, mask, box, intrinsics, depth, ignore, relative_poses, segmenter
         )
         if pipeline is None and observation.views > 1:
             start = triangulated_diagonal(observation, self.card.unit_fraction, self.card.mean_diagonal)

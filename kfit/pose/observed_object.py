@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ from torch import Tensor
 from kfit.core import Observation
 from kfit.geometry import Category, Crop, observed
 from kfit.geometry.crop import MARGIN
-from kfit.pose.inputs import as_depth, as_photo, choose_camera, choose_mask
+from kfit.pose.inputs import as_depth, as_ignored, as_photo, choose_camera, choose_mask
 from kfit.pose.object_depth import object_depth
 from kfit.segmentation import Photo, Segmenter, load_segmenter, mask_from_alpha, read_photo
 
@@ -21,6 +21,8 @@ from kfit.segmentation import Photo, Segmenter, load_segmenter, mask_from_alpha,
 PLAIN = "the object has one colour: only its outline shows its pose, and the confidence is 50 % at most"
 WHOLE = "the mask covers the whole picture: there is no outline, and the confidence is 50 % at most"
 _LEAST_SPREAD = 0.01
+# A pixel of the picture counts where a smaller share of it is ignored.
+MOST_IGNORED = 0.25
 
 
 @dataclass(frozen=True)
@@ -62,11 +64,12 @@ class ObservedObject:
         intrinsics: NDArray[Any] | Tensor | None = None,
         depth: NDArray[Any] | None = None,
         segmenter: str | Path | Segmenter | None = None,
+        ignore: NDArray[Any] | None = None,
     ) -> ObservedObject:
         """Find the object and cut it out, as `kfit.pose.CategoryModel.pose` describes.
 
         Args:
-            image, mask, box, intrinsics, depth, segmenter: as there.
+            image, mask, box, intrinsics, depth, segmenter, ignore: as there.
             category: of the object; segmenters use its name.
             size: of the picture in pixels.
 
@@ -85,7 +88,8 @@ class ObservedObject:
         if isinstance(segmenter, str | Path):
             segmenter = load_segmenter(segmenter)
         segment = choose_mask(pixels, mask, box, alpha, segmenter, category.name)
-        found = segment.mask
+        hidden = None if ignore is None else as_ignored(ignore, segment.mask)
+        found = segment.mask if hidden is None else segment.mask * (1 - hidden)
         notes += segment.notes
         doubts += segment.doubts
         camera, came_from = choose_camera(pixels, intrinsics, known, notes, doubts)
@@ -99,6 +103,9 @@ class ObservedObject:
             notes += noted
             doubts += doubted
         observation = observed(crop, pixels, found, of_object, camera.double())
+        if hidden is not None and hidden.any():
+            part = crop.cut(pixels, hidden).field("mask")
+            observation = replace(observation, weight=(part < MOST_IGNORED).to(part))
         if depth is not None and not bool(observation.field("depth").isfinite().any()):
             raise ValueError(f"depth is known at too few pixels of the object: none is left in its {size} x {size}")
         doubts += [PLAIN] * _is_plain(observation) + [WHOLE] * bool((found > 0.5).all())

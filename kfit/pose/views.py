@@ -35,13 +35,15 @@ def observe(
     box: Any,
     intrinsics: Any,
     depth: Any,
+    ignore: Any,
     relative_poses: Any,
     segmenter: Any,
 ) -> tuple[ObservedObject, Observation]:
     """The object in a photo, or in several, cut out: the first photo's, and what is fitted.
 
     Args:
-        image, mask, box, intrinsics, depth, relative_poses, segmenter: as `kfit.pose.CategoryModel.pose` takes them.
+        image, mask, box, intrinsics, depth, ignore, relative_poses, segmenter: as `kfit.pose.CategoryModel.pose` takes
+            them.
         category: of the object.
         size: of the picture in pixels.
 
@@ -51,11 +53,13 @@ def observe(
     if are_several(image):
         if depth is not None:
             raise ValueError("depth and several photos were both given; a fit of several photos is of colour alone")
+        if ignore is not None:
+            raise ValueError("ignore and several photos were both given; it is of one photo")
         return observed_views(image, category, size, mask, box, intrinsics, relative_poses, segmenter)
     if relative_poses is not None:
         raise ValueError("relative_poses were given for one photo; they belong to a list of photos")
     photo: Any = image
-    observed = ObservedObject.of(photo, category, size, mask, box, intrinsics, depth, segmenter)
+    observed = ObservedObject.of(photo, category, size, mask, box, intrinsics, depth, segmenter, ignore)
     return observed, observed.observation
 
 

@@ -12,6 +12,7 @@ from kfit.training.random_corruption import RandomCorruption
 from kfit.training.random_crop import RandomCrop
 from kfit.training.random_recolor import RandomRecolor
 from kfit.training.random_similarity import RandomSimilarity
+from kfit.training.refiner_training import RefinerTraining
 
 __all__ = [
     "AtomicCheckpoints",
@@ -26,4 +27,5 @@ __all__ = [
     "RandomCrop",
     "RandomRecolor",
     "RandomSimilarity",
+    "RefinerTraining",
 ]

@@ -62,13 +62,13 @@ class Training(LightningModule):
         torch.manual_seed(mixed_seed(self._seed, self.current_epoch, step))
 
     @abstractmethod
-    def report(self, batch: dict[str, Tensor], stage: str) -> None:
+    def report(self, batch: Any, stage: str) -> None:
         """Log metrics on held-out views, under names that begin with the stage: val or test."""
 
-    def validation_step(self, batch: dict[str, Tensor], batch_idx: int) -> None:
+    def validation_step(self, batch: Any, batch_idx: int) -> None:
         self.report(batch, "val")
 
-    def test_step(self, batch: dict[str, Tensor], batch_idx: int) -> None:
+    def test_step(self, batch: Any, batch_idx: int) -> None:
         self.report(batch, "test")
 
     def on_validation_epoch_end(self) -> None:

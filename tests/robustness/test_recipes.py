@@ -14,7 +14,7 @@ from kfit.training import lightning_cli as lightning
 
 RECIPES = sorted((Path(__file__).parents[2] / "recipes").glob("*.yaml"))
 FIT = next(path for path in RECIPES if path.stem == "fit_released")
-TRAINED = [path for path in RECIPES if path != FIT]
+TRAINED = [path for path in RECIPES if path.stem not in ("fit_released", "fit_learned")]
 # What no recipe is, whichever part of kfit reads it; "pwned" would be a file in the working folder.
 NO_RECIPES = {
     "a list": "- 1\n- 2\n",
