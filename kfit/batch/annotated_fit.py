@@ -15,7 +15,6 @@ from kfit.batch.nocs_fit import object_key, prediction_of
 from kfit.core.check import check_count
 from kfit.data.annotated_frame import AnnotatedFrame, AnnotatedObject
 from kfit.data.annotated_frames import AnnotatedFrames
-from kfit.geometry import CATEGORIES
 from kfit.pose.result import PoseResult
 from kfit.segmentation import ObjectMask, depth_from_file, read_photo
 
@@ -37,7 +36,7 @@ class AnnotatedFit(FitData):
         super().__init__()
         check_count("batch_size", batch_size)
         self.source, self.batch_size = source, batch_size
-        self.categories = tuple(getattr(source, "objects", {}).values()) or tuple(CATEGORIES)
+        self.categories = source.categories
 
     @property
     def settings(self) -> dict[str, Any]:

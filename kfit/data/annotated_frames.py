@@ -9,10 +9,16 @@ from pathlib import Path
 from kfit.data.annotated_frame import AnnotatedFrame
 from kfit.data.nocs_pickle import dump_pickle
 from kfit.data.nocs_results import NOCSPrediction, make_result
+from kfit.geometry import CATEGORIES
 
 
 class AnnotatedFrames(ABC):
     """Reads a data set, a frame when it is asked for."""
+
+    @property
+    def categories(self) -> tuple[str, ...]:
+        """Names of the categories that results can hold: NOCS's six unless a data set has a format of its own."""
+        return tuple(CATEGORIES)
 
     @abstractmethod
     def __len__(self) -> int:

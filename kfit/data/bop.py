@@ -73,6 +73,10 @@ class BOPFrames(AnnotatedFrames):
         if not self.images:
             raise ValueError(f"{root}/{split} shows none of the objects {', '.join(map(str, self.objects))}")
 
+    @property
+    def categories(self) -> tuple[str, ...]:
+        return tuple(dict.fromkeys(self.objects.values()))
+
     def __len__(self) -> int:
         return len(self.images)
 

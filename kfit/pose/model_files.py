@@ -18,8 +18,8 @@ from torch import Tensor, nn
 from kfit.core import Encoder, Generator
 from kfit.generators import ExtentsHead
 from kfit.geometry import PoseNetwork
-from kfit.models.network_limits import LimitedSize, check_arguments, check_drawing
 from kfit.pose.card import LARGEST, NETWORKS, OPTIONAL, Card
+from kfit.pose.network_limits import LimitedSize, check_arguments, check_drawing
 from kfit.runtime.atomic_write import atomic_write
 from kfit.runtime.class_paths import current_paths
 from kfit.runtime.torch_file import LARGEST_WEIGHTS, read_torch

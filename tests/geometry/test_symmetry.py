@@ -48,6 +48,7 @@ class KnowingHead(PoseNetwork):
         bins = RotationHead(symmetry, channels=(8, 8), hidden_dim=8, image_size=16)
         super().__init__(torch.zeros(1), torch.zeros(1), torch.zeros(1), symmetry, bins.sigma)
         self.rotations, self.log_volume = bins.rotations, bins.log_volume
+        self.weight = torch.nn.Parameter(torch.zeros(1))  # by which predictions are told apart
         self.num_rolls, self.truth = bins.num_rolls, azimuth
 
     def forward(self, image):
