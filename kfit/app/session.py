@@ -31,8 +31,8 @@ class Session:
     """One visitor's picture, the mask on it, and a folder of what may be downloaded.
 
     Args:
-        folder: of its own, deleted by `close`.
-        models: paths of models by the category that they serve, instead of a bundled one.
+        folder: Folder that only this session uses; `close` deletes it.
+        models: Paths of models by the category that they serve, instead of a bundled one.
 
     Attributes:
         photo: the picture.
