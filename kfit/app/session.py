@@ -31,7 +31,7 @@ class Session:
     """One visitor's picture, the mask on it, and a folder of what may be downloaded.
 
     Args:
-        folder: of its own, deleted by `close`.
+        folder: Folder that only this session uses; `close` deletes it.
 
     Attributes:
         photo: the picture.

@@ -33,9 +33,9 @@ class Scan:
     """A mesh file of a known category.
 
     Attributes:
-        path: of the file.
-        category: one of `kfit.geometry.CATEGORIES`.
-        up: axis of the file that points up: ``"z"`` as most scanners have it, ``"y"``, ``"-y"`` and so on.
+        path: Path of the file.
+        category: One of `kfit.geometry.CATEGORIES`.
+        up: Axis of the file that points up: ``"z"`` for most scanners, ``"y"``, ``"-y"`` and so on.
     """
 
     path: Path
@@ -44,18 +44,18 @@ class Scan:
 
     @property
     def name(self) -> str:
-        """The object's: that of its folder, or the file's where it lies in one with others."""
+        """Name of the object: the folder's name, or the file's if its folder holds several meshes."""
         alone = len(find_meshes(self.path.parent)) == 1
         return self.path.parent.name if alone else self.path.stem
 
     def mesh(self) -> Mesh:
-        """The object y up, its box's centre at the origin and its diagonal 1, with its exposure baked.
+        """Load the object with y up, its box centred at the origin, a diagonal of 1 and its exposure baked.
 
-        The shortest turn brings it up, which leaves +x where it is if z or −y was up; there the handle of a mug, the
-        lens of a camera and the screen of a laptop must point.
+        The shortest rotation makes y point up; it preserves +x if z or −y pointed up. The handle of a mug, the lens of
+        a camera and the screen of a laptop must point towards +x.
 
         Raises:
-            FileNotFoundError, ValueError: those of `kfit.data.mesh_files.load_mesh`.
+            FileNotFoundError, ValueError: As raised by `kfit.data.mesh_files.load_mesh`.
         """
         turn = np.eye(4)
         turn[:3, :3] = _TURNS[self.up]
@@ -63,19 +63,17 @@ class Scan:
 
 
 def find_scans(places: Sequence[str]) -> tuple[list[Scan], list[Path]]:
-    """Scans below folders, and meshes there whose category nobody says.
+    """Find scans below folders, and meshes whose category is unknown.
 
-    A mesh is of the category that its file or the innermost of its folders names as a whole word
-    (``ycb/025_mug/textured.obj``: mug).
-
-    A mesh met twice is of the category that was said.
+    A mesh gets the category that its file name or the innermost of its folder names contains as a complete word
+    (``ycb/025_mug/textured.obj``: mug). If a mesh is found twice, an explicitly stated category wins.
 
     Args:
-        places: ``FOLDER``, or ``CATEGORY=FOLDER`` where names tell nothing; behind either, ``@y`` or another axis
-            where not z is up.
+        places: ``FOLDER``, or ``CATEGORY=FOLDER`` if the names do not contain the category; append ``@y`` or another
+            axis if z is not up.
 
     Raises:
-        FileNotFoundError, ValueError: for a place that is none of these, or holds no mesh.
+        FileNotFoundError, ValueError: If a place has another form or holds no mesh.
     """
     assigned, guessed, unknown = {}, {}, []
     for place in places:
@@ -100,7 +98,7 @@ def find_scans(places: Sequence[str]) -> tuple[list[Scan], list[Path]]:
                 guessed[file] = Scan(path, named, up)
             else:
                 unknown.append(path)
-    scans = guessed | assigned  # what was said of a mesh counts before what its name tells
+    scans = guessed | assigned  # a stated category takes precedence over one found in a name
     return list(scans.values()), [path for path in unknown if path.resolve() not in assigned]
 
 
@@ -116,7 +114,7 @@ def _named(path: Path) -> str | None:
 def scan_views(
     model: CategoryModel, scan: Scan, num_views: int, seed: int = 0, kind: ViewsOf = "upright"
 ) -> HeldOutViews:
-    """Views of one scan as `kfit.bench.held_out_views.views_of` draws them, each in a random light of its own."""
+    """Draw views of one scan with `kfit.bench.held_out_views.views_of`, each in another random light."""
     mesh = scan.mesh()
     lights = (Light.random(np.random.default_rng([seed, number, 1])) for number in range(num_views))
     return views_of(model, ((mesh, light) for light in lights), seed, kind=kind)

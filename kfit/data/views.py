@@ -191,8 +191,8 @@ class Views:
 
     Raises:
         FileNotFoundError: If there is no such file.
-        ValueError: If the file is no HDF5 file, is cut short, lacks a dataset or has one of another shape, or does not
-            divide into objects of ``num_views``.
+        ValueError: If the file is not an HDF5 file, is truncated, lacks a dataset or has one of another shape, or its
+            number of views is not a multiple of ``num_views``.
 
     Example:
         >>> from kfit.data import Views, ViewPairs, build_views

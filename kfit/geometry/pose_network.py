@@ -65,7 +65,7 @@ class PoseNetwork(nn.Module, ABC):
 
         It tells networks apart by where their weights are in memory, which twins share.
         """
-        return f"log-probabilities by {next(self.parameters()).data_ptr():#x}"
+        return f"log-probabilities by {self.rotations.data_ptr():#x}"
 
     def log_probabilities(self, observation: Observation) -> Tensor:
         """Log-probabilities (B, bins) of B problems by their first views: those predicted before, else by `forward`."""

@@ -56,10 +56,10 @@ def pose_covariance(
     It draws seven pictures without a gradient, of which the generator makes five.
 
     Args:
-        fit: of one problem, on the CPU.
-        observed: what it was fitted to.
-        card: of the model.
-        draw: renders values of the fit.
+        fit: Fit of one problem, on the CPU.
+        observed: Object in the photo that the fit explains.
+        card: Card of the model.
+        draw: Function that renders the fit's values.
     """
     symmetry = card.known.symmetry
     rotation, translation, _ = placement(fit.values, observed.crop, observed.intrinsics, card)

@@ -43,15 +43,15 @@ def interpret(
     """Build the answer of one problem's fit.
 
     Args:
-        category: of the object.
-        fit: of one problem, on the CPU.
-        observed: what it was fitted to.
-        placed: the winner's rotation (3, 3), translation (3,) and size (3,) in the photo's camera, in metres.
-        hypotheses: its poses, and how sure the first of them is.
-        drawing: (S, S, 3) of the winner.
-        draw: renders values of the fit.
-        find_covariance: of the winner's pose.
-        surface: finds the fitted object's surface.
+        category: Category of the object.
+        fit: Fit of one problem, on the CPU.
+        observed: Object in the photo that the fit explains.
+        placed: The winner's rotation (3, 3), translation (3,) and size (3,) in the photo's camera, in metres.
+        hypotheses: Poses of the fit, and the confidence in the first of them.
+        drawing: (S, S, 3) rendering of the winner.
+        draw: Function that renders the fit's values.
+        find_covariance: Function that computes the covariance of the winner's pose.
+        surface: Function that extracts the fitted object's surface.
     """
     rotation, translation, size = placed
     camera, notes = observed.intrinsics.double(), list(observed.notes)
