@@ -20,10 +20,10 @@ class Category:
         diagonals: least and largest diagonal in metres of real objects, such as an espresso cup and a litre mug.
         unit_fraction: fraction of the width of kfit's training pictures that a unit diagonal spans, as large as the
             category's widest outlines allow.
-        sides: of a box that holds every object of the category, along NOCS's axes, in diagonals of the object.
+        sides: sides of a box that holds every object of the category, along NOCS's axes, in diagonals of the object.
         axes: orientation of the object in NOCS's frame; y points up.
         elevation_deg: range of elevations in photos.
-        front: what points along +x, for sentences; None where nothing does.
+        front: the part that points along +x, for sentences; None where nothing does.
 
     Example:
         >>> from kfit.geometry import CATEGORIES

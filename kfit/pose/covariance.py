@@ -95,7 +95,7 @@ def rotation_offset(turned: Tensor, rotation: Tensor, symmetry: Symmetry) -> Ten
     Args:
         turned: (N, 3, 3).
         rotation: (N, 3, 3) or (1, 3, 3).
-        symmetry: of the object.
+        symmetry: symmetry of the object.
     """
     if symmetry == "none":
         vectors: Tensor = rotation_matrix_to_axis_angle(turned @ rotation.mT)

@@ -71,7 +71,7 @@ class ObservedObject:
         Args:
             image, mask, box, intrinsics, depth, segmenter, ignore: as there.
             category: for segmenters.
-            size: of the picture in pixels.
+            size: size of the picture in pixels.
 
         Raises:
             FileNotFoundError, ValueError: if an input cannot be used, in one sentence.

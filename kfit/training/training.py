@@ -28,7 +28,7 @@ class Training(LightningModule):
 
     Attributes:
         rate: largest learning rate.
-        weight_decay: of AdamW.
+        weight_decay: weight decay of AdamW.
     """
 
     rate: float
