@@ -113,7 +113,7 @@ def watched(
     events: SimpleQueue[Drawn | PoseResult | BaseException] = SimpleQueue()
     left = Event()
     given: dict[str, Any] = {"intrinsics": intrinsics, "depth": depth}
-    observed = ObservedObject.of(photo, model.card.category, model.image_size, segmenter=target, **given)
+    observed = ObservedObject.of(photo, model.card.known, model.image_size, segmenter=target, **given)
     pipeline = model.pipeline(depth=depth is not None, lens_known=observed.lens_known)
     watching = Watching(pipeline.generator, observed, events.put, left)
 

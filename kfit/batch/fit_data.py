@@ -14,6 +14,7 @@ from lightning import LightningDataModule
 from numpy.typing import NDArray
 from torch.utils.data import DataLoader, Dataset, DistributedSampler
 
+from kfit.geometry import Category
 from kfit.pose.inputs import as_photo
 from kfit.pose.observed_object import ObservedObject
 from kfit.pose.result import PoseResult
@@ -71,14 +72,14 @@ class Unreadable:
 
 @dataclass(frozen=True)
 class ObjectCropper:
-    """Cuts objects out of an image as the models of their categories want them.
+    """Cuts objects out of an image in the form that the models of their categories need.
 
     Attributes:
-        sizes: sizes of the pictures that each category's model draws.
+        models: category and side length in pixels of the pictures of each model, by the category's name.
         depth: whether the image's depth is to be used.
     """
 
-    sizes: Mapping[str, int]
+    models: Mapping[str, tuple[Category, int]]
     depth: bool
 
     def __call__(self, image: ImageToFit) -> list[ObservedObject | str]:
@@ -87,14 +88,14 @@ class ObjectCropper:
         return [self._one(image, photo, thing) for thing in image.objects]
 
     def _one(self, image: ImageToFit, photo: Photo | NDArray[Any], thing: ObjectToFit) -> ObservedObject | str:
-        size = self.sizes.get(thing.category)
-        if size is None:
+        if thing.category not in self.models:
             return "there is no model" + " that draws depth" * self.depth + " of the category"
         if self.depth and image.depth is None:
             return "there is no depth of the image"
+        category, size = self.models[thing.category]
         depth = image.depth if self.depth else None
         try:
-            return ObservedObject.of(photo, thing.category, size, thing.mask, intrinsics=image.intrinsics, depth=depth)
+            return ObservedObject.of(photo, category, size, thing.mask, intrinsics=image.intrinsics, depth=depth)
         except ValueError as error:
             return str(error)
 

@@ -75,7 +75,7 @@ def held_out_views(
     check_count("held_out_views: photo_size", photo_size, 8)
     # Far from the seeds that training and its validation count up from 0.
     first = 0 if training else 1_000_000 + 1_000 * seed
-    objects = (build(model.card.category, first + number, held_out=not training) for number in range(num_views))
+    objects = (build(model.card.known, first + number, held_out=not training) for number in range(num_views))
     return views_of(model, objects, seed, photo_size, on_view, kind, corruption)
 
 

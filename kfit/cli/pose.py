@@ -150,7 +150,7 @@ def _picked(targets: Sequence[FoundObject]) -> list[FoundObject]:
         ValueError: if stdin has no answer, or another than numbers of the list.
     """
     for number, target in enumerate(targets, 1):
-        print(f"{number}  {target.category} ({100 * target.score:.0f} %), box {_spelled(target.box)}", file=sys.stderr)
+        print(f"{number}  {target.words}, box {_spelled(target.box)}", file=sys.stderr)
     if not targets:
         return []
     print("Which? Numbers, or Enter for all: ", end="", file=sys.stderr, flush=True)
@@ -167,7 +167,7 @@ def _answer(
     from kfit.callbacks import Progress
     from kfit.models.find_poses import pose_of
 
-    log.info("found a %s (%.0f %%) in box %s", target.category, 100 * target.score, _spelled(target.box))
+    log.info("found a %s in box %s", target.words, _spelled(target.box))
     fit = None
     if args.fit is not None:
         from kfit.pose.fit_recipe import fit_of

@@ -84,7 +84,7 @@ def answer_views(
 
     targets = shared_object([targets for _, targets in found], photos)
     for name, target in zip(photos, targets, strict=True):
-        log.info("found a %s (%.0f %%) in %s", target.category, 100 * target.score, name)
+        log.info("found a %s in %s", target.words, name)
     model, seen = model_of(targets[0].category), [photo for photo, _ in found]
     result = pose_in_views(model, seen, targets, poses, camera_of(args), args.seed)
     for note in result.notes:

@@ -15,7 +15,8 @@ from trimesh.resolvers import Resolver
 
 LARGEST_COMPANION = 512 * 1024**2
 MOST_MATERIALS = 2_000
-_LIBRARY, _PICTURES = ".mtl", (".png", ".jpg", ".jpeg", ".bmp", ".tga", ".gif", ".tif", ".tiff", ".webp")
+_LIBRARY, _BUFFER = ".mtl", ".bin"
+_PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".tga", ".gif", ".tif", ".tiff", ".webp")
 _ENTRY = re.compile(rb"^\s*(?:newmtl|map_kd)\s", re.IGNORECASE | re.MULTILINE)
 
 
@@ -111,7 +112,7 @@ def mesh_identities(files: Sequence[Path]) -> list[str]:
 
 
 def _companions(folder: Path) -> list[str]:
-    kinds = (_LIBRARY, *_PICTURES)
+    kinds = (_LIBRARY, _BUFFER, *_PICTURES)
     files = sorted(path for path in folder.rglob("*") if path.suffix.lower() in kinds and path.is_file())
     return [f"{path.relative_to(folder)} {_digest_of(path)}" for path in files]
 

@@ -37,8 +37,8 @@ class LearnedScore(Energy):
         self.refiner = refiner
 
     def prepare(self, target: Any, weight: Tensor | None = None) -> Any:
-        seen = {"observed": refiner_input(target["image"], target["mask"], weight)}
-        return seen if weight is None else seen | {"weight": weight}
+        prepared_inputs = {"observed": refiner_input(target["image"], target["mask"], weight)}
+        return prepared_inputs if weight is None else prepared_inputs | {"weight": weight}
 
     def compare(self, prediction: Any, prepared: Any) -> Tensor:
         drawn = refiner_input(prediction["image"], prediction["mask"], prepared.get("weight"))

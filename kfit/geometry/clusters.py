@@ -8,7 +8,8 @@ import torch
 from torch import Tensor
 
 from kfit.core.check import check_positive, check_range
-from kfit.geometry.pose import Symmetry, rotation_error
+from kfit.geometry.pose import rotation_error
+from kfit.geometry.symmetry import Symmetry
 
 # Rotations closer than this count as one pose, and an estimate weighs exp(−(E − E_best) / (0.1 · E_best)).
 WITHIN_DEG = 20.0

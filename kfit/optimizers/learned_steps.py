@@ -48,8 +48,8 @@ class LearnedSteps(Optimizer):
     def step(
         self, evaluate: Evaluate, raw: Variables, problem: Tensor, memory: Any
     ) -> tuple[Variables, Evaluation, Any]:
-        seen = evaluate(raw, problem, need="pictures")
-        drawn, observed = seen.rendering, seen.observed
+        evaluation = evaluate(raw, problem, need="pictures")
+        drawn, observed = evaluation.rendering, evaluation.observed
         if drawn is None or drawn.mask is None or "mask" not in observed:
             raise ValueError("LearnedSteps needs masks, both drawn and observed")
         if len(drawn.image) != len(problem):
@@ -60,11 +60,13 @@ class LearnedSteps(Optimizer):
                 refiner_input(observed["image"], observed["mask"], weight),
                 refiner_input(drawn.image, drawn.mask, weight),
             )
-            turned = angles_from_rotation(updated_rotation(rotation_of(seen.values), update.rotation.to(drawn.image)))
+            turned = angles_from_rotation(
+                updated_rotation(rotation_of(evaluation.values), update.rotation.to(drawn.image))
+            )
         step = {name: torch.zeros_like(value) for name, value in raw.items()}
         for name, angle in zip(("azimuth", "elevation", "roll"), turned, strict=True):
             # The short way round.
-            change = torch.remainder(angle - seen.values[name] + math.pi, 2 * math.pi) - math.pi
+            change = torch.remainder(angle - evaluation.values[name] + math.pi, 2 * math.pi) - math.pi
             step[name] = change / Angle.radians
         step["shift"], step["scale"] = update.shift.to(step["shift"]), update.log_scale.to(step["scale"])
-        return evaluate.retract(raw, step), seen, memory
+        return evaluate.retract(raw, step), evaluation, memory

@@ -31,6 +31,7 @@ from kfit.pose.card import Card
 from kfit.pose.covariance import pose_covariance
 from kfit.pose.default_fit import default_fit
 from kfit.pose.defaults import default_energies
+from kfit.pose.hub_model import HubModel
 from kfit.pose.hypotheses import fitted_rotations, hypotheses_of
 from kfit.pose.interpretation import interpret
 from kfit.pose.observed_object import ObservedObject
@@ -41,7 +42,7 @@ from kfit.runtime.devices import safe_after_fork
 from kfit.segmentation import Segmenter
 
 
-class CategoryModel:
+class CategoryModel(HubModel):
     """The networks of one category, and the fit that explains photos with them.
 
     Args:
@@ -189,7 +190,7 @@ class CategoryModel:
             FileNotFoundError, ValueError: if inputs cannot be used, in one sentence.
         """
         observed, observation = observe(
-            image, self.card.category, self.image_size, mask, box, intrinsics, depth, ignore, relative_poses, segmenter
+            image, self.card.known, self.image_size, mask, box, intrinsics, depth, ignore, relative_poses, segmenter
         )
         if pipeline is None and observation.views > 1:
             start = triangulated_diagonal(observation, self.card.unit_fraction, self.card.mean_diagonal)
@@ -261,4 +262,4 @@ class CategoryModel:
         if isinstance(generator, RadianceField):
             surface = partial(generator.surface, fit.values["code"][0].to(self.device))
         covariance = partial(pose_covariance, fit, observed, self.card, self.draw)
-        return interpret(self.card.category, fit, observed, placed, hypotheses, drawing, self.draw, covariance, surface)
+        return interpret(self.card.known, fit, observed, placed, hypotheses, drawing, self.draw, covariance, surface)

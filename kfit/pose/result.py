@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from kfit.core import FitResult, Observation, Rendering, Variables
 from kfit.generators.surface import Surface
-from kfit.geometry import CATEGORIES, Crop
+from kfit.geometry import Crop
 
 if TYPE_CHECKING:
     from trimesh import Trimesh
@@ -49,6 +49,8 @@ class PoseResult:
 
     Attributes:
         category: category of the model.
+        symmetry: symmetry of the category, see `kfit.geometry.Category`.
+        front: front of the category, likewise.
         rotation: (3, 3), object (NOCS axes, y up) to camera (OpenCV: x right, y down, z forward).
         translation: (3,) of the object's centre, in metres.
         size: (3,) sides of the object's box along its own axes, in metres.
@@ -88,6 +90,8 @@ class PoseResult:
     """
 
     category: str
+    symmetry: str
+    front: str | None
     rotation: NDArray[np.float64]
     translation: NDArray[np.float64]
     size: NDArray[np.float64]
@@ -166,7 +170,7 @@ class PoseResult:
         return {
             "category": self.category,
             "category_score": self.category_score,
-            "symmetry": CATEGORIES[self.category].symmetry,
+            "symmetry": self.symmetry,
             "rotation": self.rotation.tolist(),
             "quaternion_wxyz": self.quaternion_wxyz.tolist(),
             "translation": self.translation.tolist(),

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from kfit.core import Observation
 from kfit.core.check import check_shape
-from kfit.geometry import Crop, diagonal_at, viewing_ray
+from kfit.geometry import Category, Crop, diagonal_at, viewing_ray
 from kfit.pose.inputs import as_numbers
 from kfit.pose.observed_object import ObservedObject
 from kfit.segmentation import Photo, Segmenter, load_segmenter
@@ -29,7 +29,7 @@ def are_several(image: PhotoLike | Sequence[PhotoLike]) -> TypeGuard[Sequence[Ph
 
 def observe(
     image: PhotoLike | Sequence[PhotoLike],
-    category: str,
+    category: Category,
     size: int,
     mask: Any,
     box: Any,
@@ -65,7 +65,7 @@ def observe(
 
 def observed_views(
     images: Sequence[PhotoLike],
-    category: str,
+    category: Category,
     size: int,
     masks: Any,
     boxes: Any,
@@ -77,7 +77,7 @@ def observed_views(
 
     Args:
         images: V photos.
-        category: for segmenters.
+        category: category of the object; segmenters use its name.
         size: size of the pictures in pixels.
         masks, boxes, intrinsics: lists of V, or None; one (3, 3) holds for all.
         relative_poses: (V, 4, 4), from the first camera to each.

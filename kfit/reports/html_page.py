@@ -14,7 +14,6 @@ from markupsafe import Markup
 from PIL import Image
 
 from kfit import __version__
-from kfit.geometry import CATEGORIES
 from kfit.pose import PoseResult
 from kfit.reports.energy_curves import energy_curves
 from kfit.reports.fit_frames import Picture, fit_frames
@@ -89,7 +88,7 @@ def page(result: PoseResult, command: str | None = None) -> str:
         curves=curves,
         step_width=step_width,
         sphere=view_sphere(result),
-        symmetric=CATEGORIES[result.category].symmetry == "y",
+        symmetric=result.symmetry == "y",
         cameras=[camera_angles(found.rotation, result.translation) for found in result.alternatives],
         numbers=_numbers(result),
         command=command,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 
 import torch
+from lightning.pytorch.cli import LRSchedulerCallable, OptimizerCallable
 from torch import Tensor
 
 from kfit.baselines import CoordinateRegressor
@@ -32,6 +33,7 @@ class CoordinateTraining(Training):
         similarity: random rotation, shift and scale of views, with their coordinates; None for none.
         recoloring: augmentation of colours; None for none.
         compile: compile the regressor (`torch.compile`). Without a C++ compiler training goes on uncompiled.
+        optimizer, scheduler: as in `kfit.training.training.Training`; ``rate`` and ``weight_decay`` are of its AdamW.
 
     Raises:
         ValueError: in training, if a batch has no depth and, when it starts, if the trainer has no end.
@@ -47,8 +49,10 @@ class CoordinateTraining(Training):
         similarity: RandomSimilarity | None = None,
         recoloring: RandomRecolor | None = None,
         compile: bool = False,
+        optimizer: OptimizerCallable | None = None,
+        scheduler: LRSchedulerCallable | None = None,
     ) -> None:
-        super().__init__()
+        super().__init__(optimizer, scheduler)
         check_positive("rate", rate)
         check_range("weight_decay", weight_decay, 0)
         check_range("unit_fraction", unit_fraction, 0.1, 10.0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 
 import torch
+from lightning.pytorch.cli import LRSchedulerCallable, OptimizerCallable
 from torch import Tensor
 
 from kfit.baselines import OrientationRegressor
@@ -30,6 +31,7 @@ class OrientationTraining(Training):
         corruption: random occlusion, brightness and shift; None for none.
         similarity: random scale of views before that. Views are assumed to be upright, so its ``roll_deg`` should be 0.
         compile: compile the regressor (`torch.compile`). Without a C++ compiler training goes on uncompiled.
+        optimizer, scheduler: as in `kfit.training.training.Training`; ``rate`` and ``weight_decay`` are of its AdamW.
 
     Raises:
         ValueError: if the weights belong to another network and, when training starts, if the trainer has no end.
@@ -45,8 +47,10 @@ class OrientationTraining(Training):
         corruption: RandomCorruption | None = None,
         similarity: RandomSimilarity | None = None,
         compile: bool = False,
+        optimizer: OptimizerCallable | None = None,
+        scheduler: LRSchedulerCallable | None = None,
     ) -> None:
-        super().__init__()
+        super().__init__(optimizer, scheduler)
         check_positive("rate", rate)
         check_range("weight_decay", weight_decay, 0)
         check_choice("compile", compile, (False, True))
