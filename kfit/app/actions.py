@@ -35,8 +35,8 @@ class Actions:
     """Answers what visitors do, each by the changes of the page's parts.
 
     Args:
-        parts: of the page.
-        sessions: of all visitors.
+        parts: parts of the page.
+        sessions: sessions of all visitors.
     """
 
     def __init__(self, parts: Layout, sessions: Sessions) -> None:

@@ -23,7 +23,7 @@ class Layout:
     """All parts of the page, made within Gradio's Blocks.
 
     Args:
-        categories: that are served besides the bundled models'.
+        categories: categories that are served in addition to the bundled models'.
     """
 
     def __init__(self, categories: Iterable[str] = ()) -> None:

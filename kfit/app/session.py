@@ -36,9 +36,9 @@ class Session:
 
     Attributes:
         photo: the picture.
-        targets: what was found in it.
+        targets: objects that were found in it.
         target: the object to fit: found, drawn or selected by a mask.
-        category: that is likely, or was chosen last.
+        category: likely category, or the one chosen last.
         depth: (H, W) in metres, where it was handed in.
         busy: whether a fit of it waits or runs, so that it makes room for no other.
     """
@@ -172,7 +172,7 @@ class Session:
         """Fit the object as `command` does: one `Drawn` a step, at last the result.
 
         Args:
-            category: of the object.
+            category: category of the object.
             camera: fx, fy, cx and cy in pixels.
 
         Raises:

@@ -29,9 +29,9 @@ class CoordinateRegressor(nn.Module):
     picture of 64 × 64.
 
     Args:
-        symmetry: of the category, see `kfit.geometry.CATEGORIES`; with ``"y"`` the loss is the least over
+        symmetry: symmetry of the category, see `kfit.geometry.CATEGORIES`; with ``"y"`` the loss is the least over
             rotations about y.
-        channels: of the convolutions, one at each size.
+        channels: numbers of channels of the convolutions, one at each size.
         num_bins: B.
 
     Raises:

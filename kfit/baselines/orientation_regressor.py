@@ -27,9 +27,9 @@ class OrientationRegressor(nn.Module):
     multiply-adds a picture of 64 × 64.
 
     Args:
-        symmetry: of the category, see `kfit.geometry.CATEGORIES`; with ``"y"`` the rotation about y is free, and
-            only the direction of the y axis is learned.
-        hidden_dim: of the linear layers.
+        symmetry: symmetry of the category, see `kfit.geometry.CATEGORIES`; with ``"y"`` the rotation about y is free,
+            and only the direction of the y axis is learned.
+        hidden_dim: number of features of the linear layers.
         image_size: side of the input pictures, a multiple of 32.
 
     Raises:

@@ -41,7 +41,7 @@ class AccuracyFits:
         depth: fit the views' depth too.
         shown: whether sheets are wanted.
         sheets: pictures by file name.
-        views: of categories and scans, by name, once they were drawn.
+        views: views of categories and scans, by name, once they were drawn.
     """
 
     models: dict[str, CategoryModel]

@@ -26,10 +26,10 @@ class ViewSet:
     """Views of one kind.
 
     Attributes:
-        name: of the kind.
-        share: of all views.
+        name: name of the kind.
+        share: share of all views.
         views_of: how the objects are seen; see `kfit.bench.view_cameras.sample_view`.
-        corruption: what is done to the photo before the object is cut out of it.
+        corruption: corruption applied to the photo before the object is cut out of it.
         foreign: whether they show other things than the category's, so that no answer is right.
     """
 

@@ -49,9 +49,9 @@ def held_out_clip(
 
     Args:
         model: whose category is drawn.
-        number: of the object and its ground.
+        number: number of the object and its ground.
         num_frames: T.
-        turn_deg: of azimuth from frame to frame.
+        turn_deg: change of azimuth from frame to frame.
         seed: chooses objects and poses, with ``number``.
 
     Raises:

@@ -154,7 +154,7 @@ def rotation_errors(
     Symmetric classes, and mugs whose handle is hidden, are measured by their axis.
 
     Args:
-        model: what is measured.
+        model: model to measure.
         views: with their true poses.
         pipeline: by default the model's.
         batch_size: problems a fit; memory grows with it, answers do not change.
@@ -197,10 +197,11 @@ class Answer(NamedTuple):
     """What a fit of one view comes to.
 
     Attributes:
-        number: of the view.
+        number: number of the view.
         evidence: see `kfit.pose.confidence.evidence`.
-        error_deg: of the whole rotation, also of mugs whose handle is hidden: a guess at it is no certain answer.
-        energy: of the winner.
+        error_deg: error of the complete rotation, also of mugs whose handle is hidden, since a guess is not a
+            certain answer.
+        energy: energy of the winner.
     """
 
     number: int

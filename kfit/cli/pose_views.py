@@ -50,7 +50,7 @@ def shared_object(found: Sequence[Sequence[FoundObject]], photos: Sequence[str])
     """The one object that several photos show, as it was found in each.
 
     Args:
-        found: what was found in each photo.
+        found: objects found in each photo.
         photos: their names.
 
     Raises:

@@ -54,7 +54,7 @@ class BOPFrames(AnnotatedFrames):
     axes; what is found in a frame is written as a file of results in the model's own frame again.
 
     Args:
-        root: of the data set.
+        root: root of the data set.
         objects: category of each object's number, such as ``{14: mug}``.
         split: folder of scenes.
         stands: how models stand, ``UP`` or ``UP,FRONT`` as behind a place of meshes; most of BOP's have z up.

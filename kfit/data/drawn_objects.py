@@ -32,7 +32,7 @@ class DrawnObjects(Dataset[tuple[np.ndarray, ...]]):
     (V, 2) in degrees, distances (V,) in box diagonals, and extents (3,).
 
     Args:
-        settings: of the build.
+        settings: settings of the build.
         source: a category, or mesh files.
         indices: which objects.
     """

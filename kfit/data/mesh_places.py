@@ -27,8 +27,8 @@ class MeshFile:
     """A mesh file, and how the object stands in it.
 
     Attributes:
-        path: of the file.
-        category: of the object, None where nobody said.
+        path: path of the file.
+        category: category of the object, None where nobody said.
         up: axis of the file that points up, such as ``"y"`` or ``"-z"``.
         front: axis of the file that becomes +x, the category's front; where none is given, the one that the shortest
             turn takes there.
@@ -133,7 +133,7 @@ def stand_of(words: str, place: str) -> tuple[str, str]:
 
     Args:
         words: to read.
-        place: that says them, for messages.
+        place: file or folder that states them, for messages.
 
     Raises:
         ValueError: for something else.

@@ -27,10 +27,10 @@ class MeshTree(Resolver):
     the folder ``images`` next to ``models``. Only regular files are opened, so that no pipe is waited for.
 
     Args:
-        path: of the mesh.
+        path: path of the mesh.
 
     Attributes:
-        dropped: what could not be read, with reasons.
+        dropped: files that could not be read, with reasons.
         too_large: a sentence where a material library is too large to be read.
     """
 

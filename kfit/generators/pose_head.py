@@ -25,8 +25,9 @@ class PoseHead(PoseNetwork):
     multiply-adds a picture.
 
     Args:
-        symmetry: of the category, see `kfit.geometry.CATEGORIES`; with ``"y"`` azimuth is free and has one bin.
-        channels: of the convolutions, one at each size.
+        symmetry: symmetry of the category, see `kfit.geometry.CATEGORIES`; with ``"y"`` azimuth is free and has one
+            bin.
+        channels: numbers of channels of the convolutions, one at each size.
         hidden_dim: units between the linear layers.
         bin_deg: width of a bin in degrees.
         elevation_deg: (low, high) of the valid poses in degrees.

@@ -30,8 +30,8 @@ class RotationHead(PoseNetwork):
     A stride-2 convolution for each level, all but the first followed by a residual one, then two linear layers.
 
     Args:
-        symmetry: of the category; with ``"y"`` azimuth is free and has one bin.
-        channels: of the levels, each of half the width and height of the previous one.
+        symmetry: symmetry of the category; with ``"y"`` azimuth is free and has one bin.
+        channels: numbers of channels of the levels, each of half the width and height of the previous one.
         hidden_dim: units between the linear layers.
         bin_deg: width of a bin in degrees; it must divide 180.
         sigma_deg: standard deviation of a target around the true rotation.

@@ -20,26 +20,27 @@ class Category:
     """A category of objects.
 
     Args:
-        name: a word; NOCS's six are spelled as there.
-        mean_diagonal: mean length of the bounding box's diagonal in metres. Distances from colour alone rest on it.
+        name: one word; the six categories of NOCS have the same names as there.
+        mean_diagonal: mean length of the bounding box's diagonal in metres. Distances from colour alone depend on it.
         symmetry: ``"none"``; ``"y"`` where the object looks the same turned freely about its vertical axis; ``"y2"`` to
             ``"y12"`` where it looks the same turned by a half, a third … of a circle about it.
-        diagonals: least and largest diagonal in metres of things that exist; a third and three times the mean if None.
+        diagonals: smallest and largest diagonal of real objects, in metres; a third and three times the mean if None.
         unit_fraction: share of the width of training pictures that a unit diagonal spans, 0.1 to 10; as large as leaves
             the category's widest outlines inside.
-        sides: of a box that holds every object of the category, along its axes, in diagonals of the object, up to 1.
-        axes: how the object stands in its frame, in words; y points up.
+        sides: sides of a box that holds every object of the category, along its axes, in diagonals of the object, at
+            most 1.
+        axes: orientation of the object in its frame, in words; y points up.
         elevation_deg: range of elevations at which photos show standing objects, −90 to 90.
-        upright: share of training's views that show it so, 0 to 1; the others show it from all directions.
+        upright: share of training views that show the object standing, 0 to 1; the others show it from all directions.
         mirror: whether the mirror image in the plane of its x and y axes is an object of the category too. Training
             then flips half of the pictures.
         shapes: import path of a module with ``build(rng, held_out)``, which draws one object as a `kfit.data.Mesh`;
             None where objects come from mesh files alone.
         nocs_id: class number in NOCS's files; None outside of them.
-        front: what points along +x, for sentences; None where nothing does.
+        front: the part that points along +x, used in messages; None if there is none.
 
     Raises:
-        TypeError, ValueError: naming the field.
+        TypeError, ValueError: If a field is invalid; the message names it.
 
     Example:
         >>> from kfit.geometry import CATEGORIES, Category

@@ -132,7 +132,7 @@ def rotation_error(a: Tensor, b: Tensor, symmetry: Symmetry = "none") -> Tensor:
 
     Args:
         a, b: (…, 3, 3) in the same frame; they broadcast.
-        symmetry: of the object, see `kfit.geometry.Category`.
+        symmetry: symmetry of the object, see `kfit.geometry.Category`.
 
     Returns:
         (…) in [0, π].

@@ -24,7 +24,7 @@ class PoseNetwork(nn.Module, ABC):
         rolls, azimuths, elevations: (R,), (A,) and (E,) centres of the bins in radians, increasing in even steps. R is
             1 if the network does not predict roll, A is 1 if the object has the symmetry ``"y"``; with ``"y2"`` to
             ``"y12"`` azimuths span that part of a circle.
-        symmetry: of the objects.
+        symmetry: symmetry of the objects.
         sigma: standard deviation in radians of the training targets around the true rotation.
 
     Example:

@@ -81,7 +81,7 @@ def bop_errors(
         estimates: any number.
         truths: entries of scene_gt.json by scene and image.
         models: entries of models_info.json by the object's number.
-        objects: that count; all that are there unless given.
+        objects: objects that count; by default all.
 
     Raises:
         ValueError: for an estimate in an image that the truths lack.

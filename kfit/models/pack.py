@@ -33,13 +33,14 @@ def pack(
     """Write a model file.
 
     Args:
-        checkpoint: of `kfit.training.ConditionalVAE`, or with a category a released one; or a model's file, which
-            gets another pose head and loses the measurements of the old one.
+        checkpoint: checkpoint of `kfit.training.ConditionalVAE`, or with a category a released one; or a model's file,
+            which gets another pose head and loses the measurements of the old one.
         out: path of the .safetensors file.
         pose_head: a checkpoint of `kfit.training.PoseTraining`, or a model's file, whose head is taken.
-        pose_weight: of the pose head in a fit, at least 0.
+        pose_weight: weight of the pose head in a fit, at least 0.
         command: the training command, for the card.
-        category: of a released checkpoint, which does not name it; see `kfit.models.released_model.released_model`.
+        category: category of a released checkpoint, which does not name it; see
+            `kfit.models.released_model.released_model`.
 
     Raises:
         FileNotFoundError: if a file is missing.

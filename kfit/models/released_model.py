@@ -27,8 +27,8 @@ def released_model(path: str | Path, category: str) -> tuple[dict[str, nn.Module
     nor depth, so a fit compares pictures alone.
 
     Args:
-        path: of the checkpoint.
-        category: of its training data, which the file does not name.
+        path: path of the checkpoint.
+        category: category of its training data, which the file does not name.
 
     Raises:
         FileNotFoundError: if there is no such file.

@@ -32,7 +32,7 @@ class Card:
     Attributes:
         category: its name; `known` has all that the card holds of it.
         networks: class and arguments of ``generator``, ``encoder`` and ``extents``, as in recipes.
-        distance: of the training camera from the object's centre, in box diagonals.
+        distance: distance of the training camera from the object's centre, in box diagonals.
         unit_fraction: fraction of the picture's width that a unit diagonal at the object's centre spans, at scale 1.
         elevation_deg: range of elevations in training.
         axes: orientation of the object in its frame, in words.
@@ -42,7 +42,8 @@ class Card:
         pose_weight: weight of the pose head's prior relative to the energies of the picture.
         training: command, data, number of pairs, seed, versions.
         accuracy: measured figures, by the name of the test set.
-        calibration: of the confidence, for fits of ``"RGB"`` and of ``"RGB-D"``, if `kfit calibrate` measured it.
+        calibration: calibration of the confidence, for fits of ``"RGB"`` and of ``"RGB-D"``, if `kfit calibrate`
+            measured it.
         format: version of this layout.
 
     Example:
@@ -105,7 +106,7 @@ class Card:
 
         Args:
             text: JSON.
-            path: of its file, for messages.
+            path: path of its file, for messages.
 
         Raises:
             ValueError: if it is not a card of this version.

@@ -46,7 +46,7 @@ class CategoryModel(HubModel):
     """The networks of one category, and the fit that explains photos with them.
 
     Args:
-        generator: of ``code``, ``azimuth`` and ``elevation``.
+        generator: generator with ``code``, ``azimuth`` and ``elevation``.
         encoder: picture → Gaussian over the code.
         extents: code → the object's normalised sides.
         card: description of the networks.
@@ -119,7 +119,7 @@ class CategoryModel(HubModel):
                 fitted one, with the prior `kfit.energies.LensPrior`.
             views: box diagonal in metres at which fits to several views of each object start, whose cameras determine
                 distance and size; None for one view.
-            energies: of drawing and photo, by name and with their weights, instead of the first three.
+            energies: energies between rendering and photo, by name and with their weights, instead of the first three.
         """
         if energies is None:
             energies = {name: one for name, one in default_energies().items() if one[0].on in self.drawn}
@@ -235,9 +235,9 @@ class CategoryModel(HubModel):
         """Return the answers of a fit, one for each problem; None if all its starts failed.
 
         Args:
-            fit: of B problems.
+            fit: fit of B problems.
             observed: B objects.
-            observation: that was fitted, as `read` returned it.
+            observation: observation that was fitted, as `read` returned it.
         """
         with torch.no_grad():
             extents = self.extents(fit.values["code"].to(self.device)).double().cpu()

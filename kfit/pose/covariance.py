@@ -96,7 +96,7 @@ def rotation_offset(turned: Tensor, rotation: Tensor, symmetry: Symmetry) -> Ten
     Args:
         turned: (N, 3, 3).
         rotation: (N, 3, 3) or (1, 3, 3).
-        symmetry: of the object.
+        symmetry: symmetry of the object.
     """
     if symmetry != "y":
         # Of the turns that leave the object unchanged the one that makes the vector shortest.

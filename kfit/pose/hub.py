@@ -58,8 +58,8 @@ def save_folder(folder: str | Path, content: bytes, card: Card) -> Path:
 
     Args:
         folder: made where it is not there.
-        content: of the .safetensors file.
-        card: of the model.
+        content: content of the .safetensors file.
+        card: card of the model.
     """
     digest, page = hashlib.sha256(content).hexdigest(), model_page(card)
     writers: dict[str, Any] = {

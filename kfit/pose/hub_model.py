@@ -17,7 +17,7 @@ class HubModel:
     """What `kfit.pose.CategoryModel` has of sharing.
 
     Attributes:
-        card: what is known about the model.
+        card: card of the model.
     """
 
     card: Card

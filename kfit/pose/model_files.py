@@ -163,8 +163,8 @@ def read_checkpoint(path: Path, names: Sequence[str] = NETWORKS) -> tuple[dict[s
     If the training averaged weights, the averages are read.
 
     Args:
-        path: of the checkpoint.
-        names: of the networks: `kfit.training.ConditionalVAE`'s, or ``("pose_head",)`` of
+        path: path of the checkpoint.
+        names: names of the networks: `kfit.training.ConditionalVAE`'s, or ``("pose_head",)`` of
             `kfit.training.PoseTraining`.
 
     Raises:

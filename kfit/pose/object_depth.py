@@ -49,7 +49,7 @@ def object_depth(
         depth: (H, W) in metres along the camera's axis; values that are not finite or not above 0 are unknown.
         mask: (H, W), above 1/2 on the object.
         intrinsics: (3, 3).
-        category: of the object.
+        category: category of the object.
 
     Returns:
         (H, W) with NaN where the object's depth is unknown; notes; and doubts, which limit the confidence to 50 %.

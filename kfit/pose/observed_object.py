@@ -70,8 +70,8 @@ class ObservedObject:
 
         Args:
             image, mask, box, intrinsics, depth, segmenter, ignore: as there.
-            category: of the object; segmenters use its name.
-            size: of the picture in pixels.
+            category: category of the object; segmenters use its name.
+            size: size of the picture in pixels.
 
         Raises:
             FileNotFoundError, ValueError: if an input cannot be used, in one sentence.

@@ -44,7 +44,7 @@ def find_targets(
         category: its name; nothing checks one that is none of kfit's own.
         mask: (H, W), above one half of its full scale on the object.
         box: left, top, width, height in pixels.
-        segmenter: of the object's mask, instead of kfit's own networks.
+        segmenter: segmenter that finds the object's mask, instead of kfit's own networks.
         finder: searches for objects.
 
     Returns:

@@ -44,8 +44,8 @@ def observe(
     Args:
         image, mask, box, intrinsics, depth, ignore, relative_poses, segmenter: as `kfit.pose.CategoryModel.pose` takes
             them.
-        category: of the object.
-        size: of the picture in pixels.
+        category: category of the object.
+        size: size of the picture in pixels.
 
     Raises:
         FileNotFoundError, ValueError: for what cannot be used, in one sentence.
@@ -77,8 +77,8 @@ def observed_views(
 
     Args:
         images: V photos.
-        category: of the object; segmenters use its name.
-        size: of the pictures in pixels.
+        category: category of the object; segmenters use its name.
+        size: size of the pictures in pixels.
         masks, boxes, intrinsics: lists of V, or None; one (3, 3) holds for all.
         relative_poses: (V, 4, 4), from the first camera to each.
         segmenter: as `kfit.pose.CategoryModel.pose` takes it.
@@ -132,7 +132,7 @@ def triangulated_diagonal(observation: Observation, unit_fraction: float, mean_d
     Args:
         observation: one problem of several views, with the crops' cameras.
         unit_fraction: fraction of the crop's width that the bounding sphere's silhouette spans at scale 1.
-        mean_diagonal: of the category.
+        mean_diagonal: mean diagonal of the category.
     """
     cameras, poses = observation.field("intrinsics").double(), observation.field("trans_cam_ref").double()
     side = observation.image.shape[-1]

@@ -53,7 +53,7 @@ def contact_sheet(entries: Sequence[SheetEntry], title: str, num_columns: int = 
     """Draw a sheet: a cell an entry, in the order given, down the columns.
 
     Args:
-        entries: what is shown.
+        entries: entries to show.
         title: a line above it all.
         num_columns: number of cells in a row.
 

@@ -43,9 +43,9 @@ def report(result: PoseResult, path: str | Path = "report.html", command: str | 
     the energies of all starts; the camera of the answer and of its alternatives; and the numbers.
 
     Args:
-        result: of `kfit.pose.CategoryModel.pose`.
-        path: of the file.
-        command: that made it, to be named.
+        result: result of `kfit.pose.CategoryModel.pose`.
+        path: path of the file.
+        command: command that created it, which the page names.
 
     Example:
         >>> import numpy as np, kfit

@@ -22,7 +22,7 @@ class TrainingRun:
     """What the folder of a training holds.
 
     Attributes:
-        name: of the folder, with those above it where several runs share one.
+        name: name of the folder, with those above it where several runs share one.
         recipe: values by dotted name; empty where the folder has no config.yaml.
         metrics: (step, value) pairs by the name of each measure.
     """

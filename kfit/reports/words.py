@@ -40,13 +40,13 @@ class Words:
     """An answer in words.
 
     Attributes:
-        name: of the category.
+        name: name of the category.
         view: from where the camera sees the object, and where its front is.
         size: sides of the box, the front's side first, then the height.
         distance: from the camera.
         confidence: how sure the answer is.
-        level: of the confidence.
-        meaning: what a reader may do with such an answer.
+        level: level of the confidence.
+        meaning: how a reader may use such an answer.
     """
 
     name: str

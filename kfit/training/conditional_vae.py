@@ -44,7 +44,7 @@ class ConditionalVAE(Training):
     Batches are those of `kfit.data.ViewsDataModule`; without extents in them, extents are not learned.
 
     Args:
-        generator: of variables ``code``, ``azimuth`` and ``elevation``.
+        generator: generator with variables ``code``, ``azimuth`` and ``elevation``.
         encoder: picture → Gaussian over the code.
         extents: code → the object's three sides.
         losses: energies of drawing and target, by name. They are frozen, so that networks in them are not trained.
@@ -59,8 +59,8 @@ class ConditionalVAE(Training):
             neighbourhoods then compare subsampled pictures.
         compile: compile the networks (`torch.compile`), which takes 30 s and makes training about 1.7 × as fast.
             Without a C++ compiler training continues uncompiled.
-        symmetry: of the objects, for rotation errors in test; ``lightning`` sets the category's.
-        optimizer, scheduler: as in `kfit.training.training.Training`; ``rate`` and ``weight_decay`` are of its AdamW.
+        symmetry: symmetry of the objects, for rotation errors in test; ``lightning`` sets the category's.
+        optimizer, scheduler: as in `kfit.training.training.Training`; ``rate`` and ``weight_decay`` are for its AdamW.
 
     Raises:
         ValueError: if a loss has a reserved name (extents, kl, l1, loss, mask_iou, ssim), ``pixel_stride`` is below 1,

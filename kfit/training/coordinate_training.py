@@ -26,10 +26,10 @@ class CoordinateTraining(Training):
     Args:
         regressor: the network.
         rate: largest learning rate of AdamW; it rises over the first twentieth of the steps and falls as a cosine.
-        weight_decay: of AdamW.
-        unit_fraction: of the views' camera: the fraction of the width of a unit diagonal; ``lightning`` sets the
-            category's.
-        distance: of the views' camera in box diagonals, for batches without it.
+        weight_decay: weight decay of AdamW.
+        unit_fraction: fraction of the picture's width that a unit diagonal has in the views' camera; ``lightning``
+            sets the category's.
+        distance: distance of the views' camera in box diagonals, for batches without it.
         similarity: random rotation, shift and scale of views, with their coordinates; None for none.
         recoloring: augmentation of colours; None for none.
         compile: compile the regressor (`torch.compile`). Without a C++ compiler training goes on uncompiled.

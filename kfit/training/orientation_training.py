@@ -25,7 +25,7 @@ class OrientationTraining(Training):
     Args:
         regressor: the network.
         rate: largest learning rate of AdamW; it rises over the first twentieth of the steps and falls as a cosine.
-        weight_decay: of AdamW.
+        weight_decay: weight decay of AdamW.
         weights: path of VGG16's ImageNet weights to start from, see `kfit.baselines.OrientationRegressor.fill`; None
             for random weights.
         corruption: random occlusion, brightness and shift; None for none.

@@ -32,7 +32,7 @@ class PoseTraining(Training):
         pose_head: the network.
         crop: random rotation and crop of views.
         rate: largest learning rate of AdamW; it rises over the first twentieth of the steps and falls as a cosine.
-        weight_decay: of AdamW.
+        weight_decay: weight decay of AdamW.
         recoloring: augmentation of colours; None for none.
         photometric: augmentation that makes views resemble crops of photos; None leaves them clean.
         mirror: flip half of the views, which changes azimuth α to π − α and roll ρ to −ρ. Objects of NOCS's categories

@@ -32,12 +32,12 @@ class Training(LightningModule):
     and ``…/within_30deg``, over all processes.
 
     Args:
-        optimizer: makes the optimizer of the parameters that are trained.
-        scheduler: makes the scheduler of that optimizer.
+        optimizer: function that builds the optimizer from the trained parameters.
+        scheduler: function that builds the scheduler from that optimizer.
 
     Attributes:
         rate: largest learning rate of AdamW.
-        weight_decay: of AdamW.
+        weight_decay: weight decay of AdamW.
     """
 
     rate: float

@@ -58,9 +58,9 @@ class Measuring:
     """How units are measured.
 
     Attributes:
-        training: of the variants.
-        schedule: of fits.
-        views: of as many unseen objects.
+        training: training settings of the variants.
+        schedule: schedule of fits.
+        views: views of that many unseen objects.
         seed: chooses them.
         tell: called with the current task, and the numbers of finished and all views.
         base: variant whose model crops the views for methods that draw nothing.

@@ -20,10 +20,10 @@ class Variant:
     """One network.
 
     Attributes:
-        title: what tables call it.
+        title: title in tables.
         recipe: file that trains it.
         settings: words after the recipe in which it differs.
-        networks: what `kfit.models.read_checkpoint` finds in its checkpoint; by default a generator's.
+        networks: networks that `kfit.models.read_checkpoint` finds in its checkpoint; by default a generator's.
     """
 
     title: str
@@ -72,14 +72,15 @@ class Training:
     """What every variant is trained with.
 
     Attributes:
-        steps: of the optimizer, a multiple of `EPOCHS`; each sees as many pairs as the recipes' batch holds.
+        steps: number of steps of the optimizer, a multiple of `EPOCHS`; each sees as many pairs as the recipes' batch
+            holds.
         objects: procedural objects, with ten views each.
         recipes: folder of the recipes.
         cache: folder of rendered views.
         runs: folder of trainings; one a category and variant.
         vgg16: file of VGG16's ImageNet weights that the regressor starts from, as the paper's; None starts it from
             nothing.
-        seed: of the training's random numbers and objects.
+        seed: seed of the training's random numbers and objects.
     """
 
     steps: int
