@@ -2,8 +2,8 @@
 
     python examples/bend_a_picture.py [FOLDER]
 
-Writes FOLDER/bend_a_picture.png: the picture, what a wave made of it, and the picture bent by the flow that was found.
-FOLDER is kfit_out unless another is named.
+Writes FOLDER/bend_a_picture.png: the picture, the picture bent by a wave, and the picture bent by the fitted flow.
+FOLDER is kfit_out by default.
 """
 
 import sys

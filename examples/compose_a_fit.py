@@ -1,8 +1,8 @@
-"""Compose a pose fit by hand from its five parts, and watch it explain laptops that its model has never seen.
+"""Compose a pose fit from its five parts, and fit laptops that are not in the training data.
 
     python examples/compose_a_fit.py [FOLDER]
 
-Writes FOLDER/compose_a_fit.png: what is seen, the best start, and what becomes of it. FOLDER is kfit_out unless told.
+Writes FOLDER/compose_a_fit.png: the observation, the best start, and the fit. FOLDER is kfit_out by default.
 """
 
 import sys

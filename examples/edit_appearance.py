@@ -1,9 +1,9 @@
-"""Invert photos to codes and poses, and draw them anew: the same pose with another look, the same look turned.
+"""Invert photos to codes and poses, and redraw them: the same pose with another appearance, and other poses.
 
     python examples/edit_appearance.py [FOLDER]
 
-Writes FOLDER/edit_appearance.png: a row an object, what is seen of it, its fit, and what the fit lets one draw that was
-never seen. FOLDER is kfit_out unless told.
+Writes FOLDER/edit_appearance.png: a row for each object, with the observation, its fit, and new drawings from the
+fit. FOLDER is kfit_out by default.
 """
 
 import math

@@ -3,8 +3,8 @@
     python examples/fit_a_folder.py [FOLDER]
 
 Makes FOLDER/photos (mug0.jpg, mug0_mask.png, …), fits it by `lightning predict` into FOLDER/poses (mug0.json, …), and
-writes FOLDER/fit_a_folder.png, a sheet of all answers. FOLDER is kfit_out unless told. Interrupted, it goes on by the
-same command, and no photo is fitted twice.
+writes FOLDER/fit_a_folder.png, a sheet of all answers. FOLDER is kfit_out by default. The same
+command resumes an interrupted run, and no photo is fitted twice.
 """
 
 import json

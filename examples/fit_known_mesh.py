@@ -1,8 +1,8 @@
-"""Find the pose of an object whose CAD model is at hand: its mesh, drawn softly, is fitted to one picture of it.
+"""Find the pose of an object with a CAD model: its mesh, drawn softly, is fitted to one picture.
 
     python examples/fit_known_mesh.py [FOLDER]
 
-Writes FOLDER/fit_known_mesh.png: what is seen, the best start, and the fit. FOLDER is kfit_out unless told.
+Writes FOLDER/fit_known_mesh.png: the observation, the best start, and the fit. FOLDER is kfit_out by default.
 """
 
 import math

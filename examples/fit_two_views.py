@@ -1,9 +1,9 @@
-"""The pose of a known mesh from two photos by calibrated cameras, from 40° away, before a cluttered ground.
+"""Find the pose of a known mesh from two photos by calibrated cameras, 40° apart, with cluttered background.
 
     python examples/fit_two_views.py [FOLDER]
 
-Photos are cut out by their masks first, as `kfit.segmentation` finds them: clutter does not count. Writes
-FOLDER/fit_two_views.png: the photos, and the mesh at the pose found. FOLDER is kfit_out unless another is named.
+Photos are cut out by their masks first, as from `kfit.segmentation`, so that clutter does not count. Writes
+FOLDER/fit_two_views.png: the photos, and the mesh at the pose found. FOLDER is kfit_out by default.
 """
 
 import sys

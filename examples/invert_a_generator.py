@@ -1,10 +1,10 @@
-"""Latent inversion with an optimizer of torch's: find the code with which a generator draws a photo.
+"""Latent inversion with an optimizer of torch: find the code with which a generator draws a photo.
 
     python examples/invert_a_generator.py [FOLDER]
 
-A generator of laptops stands for any network: its codes and poses are descended by torch.optim.AdamW under a cosine
-schedule, eight starts at once, of which two survive. Writes FOLDER/invert_a_generator.png. FOLDER is kfit_out unless
-another is named.
+A generator of laptops serves as the network: its codes and poses are fitted by torch.optim.AdamW with a cosine
+schedule, eight starts at once, of which two survive. Writes FOLDER/invert_a_generator.png. FOLDER is kfit_out by
+default.
 """
 
 import sys

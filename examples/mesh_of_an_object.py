@@ -1,9 +1,9 @@
-"""An object in a photo as a mesh: the surface of the volume that explains it, in metres, for any viewer or simulator.
+"""Write the mesh of an object in a photo: the surface of the fitted volume, in metres, for any viewer or simulator.
 
     python examples/mesh_of_an_object.py [FOLDER]
 
-Writes FOLDER/mug.glb, and FOLDER/mesh_of_an_object.png: the photo, and the mesh drawn from the same place and from two
-other sides. FOLDER is kfit_out unless another is named.
+Writes FOLDER/mug.glb, and FOLDER/mesh_of_an_object.png: the photo, and the mesh from the same camera and from two other
+directions. FOLDER is kfit_out by default.
 """
 
 import sys

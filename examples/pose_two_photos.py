@@ -1,9 +1,8 @@
-"""Find a mug's pose from one photo and from two by known cameras, and see what the second changes: size and distance.
+"""Find a mug's pose from one photo and from two photos by known cameras: the second determines size and distance.
 
     python examples/pose_two_photos.py [FOLDER]
 
-Writes FOLDER/pose_two_photos.png: both photos with the pose that was found from both. FOLDER is kfit_out unless another
-is named.
+Writes FOLDER/pose_two_photos.png: both photos with their common pose. FOLDER is kfit_out by default.
 """
 
 import sys

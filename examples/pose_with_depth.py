@@ -2,7 +2,7 @@
 
     python examples/pose_with_depth.py [FOLDER]
 
-Writes FOLDER/pose_with_depth.png: the pose, and both answers from the side. FOLDER is kfit_out unless told.
+Writes FOLDER/pose_with_depth.png: the pose, and both answers from the side. FOLDER is kfit_out by default.
 """
 
 import sys

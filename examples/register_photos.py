@@ -3,7 +3,7 @@
     python examples/register_photos.py [FOLDER]
 
 Writes FOLDER/register_photos.png: both photos, the first as fitted to the second, and how they differ before and after.
-FOLDER is kfit_out unless another is named.
+FOLDER is kfit_out by default.
 """
 
 import sys

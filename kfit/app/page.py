@@ -28,7 +28,7 @@ def connect(actions: Actions, blocks: gr.Blocks) -> None:
         **quiet,
         "fn": actions.run,
         "inputs": [token, parts.category, parts.camera],
-        "concurrency_limit": MOST + 1,  # the last is told that the line is full
+        "concurrency_limit": MOST + 1,  # the last one gets a message that the queue is full
         "scroll_to_output": False,
     }
     example = parts.cards.pick(actions.on_photo(actions.take_example), token, **quiet)

@@ -1,4 +1,4 @@
-"""Serving the page on this machine: what Gradio may do, and what it may not."""
+"""Serving the page on this machine, with restrictions on Gradio."""
 
 from __future__ import annotations
 
@@ -41,13 +41,13 @@ class OnlySelf:
         self.app = app
 
     async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
-        """Add the headers to an answer; refuse what a browser asks for another site."""
+        """Add headers to an answer; refuse requests from other sites."""
         if scope["type"] == "http":
             told = dict(scope["headers"])
             origin = told.get(b"origin")
             if origin is not None and origin.partition(b"://")[2] != told.get(b"host"):
                 await send({"type": "http.response.start", "status": 403, "headers": []})
-                await send({"type": "http.response.body", "body": b"This page is asked by itself alone."})
+                await send({"type": "http.response.body", "body": b"Only this page may send requests here."})
                 return
 
         async def with_policy(message: dict[str, Any]) -> None:
@@ -60,16 +60,16 @@ class OnlySelf:
 
 
 def serve(host: str, port: int | None) -> None:
-    """Serve the page until Ctrl-C; all that visitors handed in is deleted then.
+    """Serve the page until Ctrl-C; all uploads are then deleted.
 
     Args:
         host: address to listen at.
-        port: the first that is free from 7860 unless given.
+        port: by default the first free one from 7860 on.
 
     Raises:
         ImportError: where Gradio is not installed.
         ValueError: for a port out of range.
-        OSError: if the host is no address of this machine, or the port is taken.
+        OSError: if the host is not an address of this machine, or the port is taken.
     """
     if port is not None:
         check_count("--port", port, 1, 65535)
@@ -89,7 +89,7 @@ def serve(host: str, port: int | None) -> None:
         from kfit.app.page import page
 
         middleware = [Middleware(OnlySelf)]
-        if host in LOOPBACK:  # a name that a stranger points here is no name of this machine
+        if host in LOOPBACK:  # names that others direct to this address are not names of this machine
             middleware.append(Middleware(TrustedHostMiddleware, allowed_hosts=list(LOOPBACK)))
         blocks = page(Sessions(Path(folder)))
         try:

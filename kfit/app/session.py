@@ -1,4 +1,4 @@
-"""What one visitor of the page has handed in so far, kept apart from the others' and deleted with the visit."""
+"""The uploads of one visitor of the page, kept apart from others and deleted with the visit."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Session:
     Attributes:
         photo: the picture.
         targets: what was found in it.
-        target: the one that is to be fitted, found, drawn or told by a mask.
+        target: the object to fit: found, drawn or selected by a mask.
         category: that is likely, or was chosen last.
         depth: (H, W) in metres, where it was handed in.
         busy: whether a fit of it waits or runs, so that it makes room for no other.
@@ -77,7 +77,7 @@ class Session:
     def take(self, path: Path) -> None:
         """Read an uploaded photo, delete the file, and find the objects of kfit's categories.
 
-        An alpha channel that sets an object off tells the one that is meant. The first found is chosen.
+        An alpha channel around an object selects it. The first found object is selected.
 
         Raises:
             ValueError: for a file that cannot be used, in one sentence; what was there before stays.
@@ -112,7 +112,7 @@ class Session:
         """Read an uploaded mask and delete the file.
 
         Raises:
-            ValueError: if it cannot be used or there is no photo yet; what was there before stays.
+            ValueError: if it cannot be used or there is no photo yet; the previous state is kept.
         """
         try:
             mask = checked(path, lambda file: mask_from_file(file, self._seen().image.shape[:2]))
@@ -124,7 +124,7 @@ class Session:
         """Read an uploaded depth map and delete the file.
 
         Raises:
-            ValueError: if it cannot be used or there is no photo yet; what was there before stays.
+            ValueError: if it cannot be used or there is no photo yet; the previous state is kept.
         """
         try:
             check_size(path)
@@ -138,13 +138,13 @@ class Session:
         self._depth_name = path.name
 
     def draw(self, box: Fractions) -> None:
-        """Find the object in a box; where none is found there is no mask.
+        """Find the object in a box; without one there is no mask.
 
         Args:
             box: left, top, width and height as fractions of the picture's width and height.
 
         Raises:
-            ValueError: if nothing stands out in the box, or there is no photo yet.
+            ValueError: if the box holds no salient object, or there is no photo yet.
         """
         height, width = self._seen().image.shape[:2]
         left, top, across, down = (
@@ -200,13 +200,13 @@ class Session:
         return join(words + (["--depth", self._depth_name] if self.depth is not None else []))
 
     def _arguments(self, category: str) -> tuple[dict[str, Any], list[str]]:
-        """What tells the object to `find_targets`, and what to `kfit pose`; nothing where it is as it was found."""
+        """Return the selection for `find_targets`, and for `kfit pose`; empty for an object that was found."""
         named, target = ["--category", category], self.target
         if self._pointed or target is None:
             return self._pointed, [*named, *self._words]
         if category == target.category:
             return {}, []
-        if not self.targets:  # the alpha channel tells it
+        if not self.targets:  # selected by the alpha channel
             return {}, named
         return {"box": target.box}, [*named, "--box", *(f"{part:.0f}" for part in target.box)]
 
@@ -239,7 +239,7 @@ class Session:
         self.target, self.category = target, None if target is None else target.category
 
     def _point(self, words: list[str], **pointed: Any) -> None:
-        """Take what a mask or a box points at for the object; ``words`` tell `kfit pose` the same."""
+        """Select the object of a mask or a box; ``words`` are the same for `kfit pose`."""
         (target,) = find_targets(self._seen(), **pointed)
         self._pointed, self._words = pointed, words
         self._take_target(target)

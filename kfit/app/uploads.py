@@ -1,4 +1,4 @@
-"""What a person may hand to the page: measured before it is decoded."""
+"""Uploads to the page: measured before they are decoded."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def read_upload(path: Path) -> Photo:
     """Read an uploaded photo.
 
     Raises:
-        ValueError: if it has more than 64 MB or 65 megapixels, is of none of the ``KINDS``, or is damaged.
+        ValueError: if it has more than 64 MB or 65 megapixels, is not one of the ``KINDS``, or is damaged.
         ImportError: for HEIC without the package that decodes it.
     """
     return checked(path, read_photo)
@@ -42,7 +42,7 @@ def checked(path: Path, read: Callable[[Path], Read]) -> Read:
     """What ``read`` makes of an uploaded picture; it is called only where the picture's head keeps the limits.
 
     Raises:
-        ValueError: if the limits are broken, and what ``read`` raises, told without the folder that is the server's.
+        ValueError: if the limits are broken, and the errors of ``read``, without the server's folder.
     """
     try:
         _measure(path)

@@ -90,7 +90,7 @@ def found_shown(targets: Sequence[FoundObject], shape: tuple[int, int]) -> str:
 def waiting(before: int) -> str:
     """What a visitor sees before whom others' fits are still to run."""
     others = "1 other fit is" if before == 1 else f"{before} other fits are"
-    return f'<p class="kfit-busy" role="status">{others} before yours; it begins by itself …</p>'
+    return f'<p class="kfit-busy" role="status">{others} before yours; it starts automatically …</p>'
 
 
 def converging(told: Sequence[Drawn], image: NDArray[np.float32]) -> str:

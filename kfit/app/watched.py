@@ -1,4 +1,4 @@
-"""A fit that tells how it goes: the best start's drawing after each step, then the answer."""
+"""A fit that reports its progress: the best start's drawing after each step, then the answer."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Drawn:
         energy: the least so far.
         drawing: (S, S, 3) in [0, 1], of the start that reached it.
         silhouette: (S, S) in [0, 1], where the drawing shows the object; None where the generator does not tell.
-        seen: (S, S, 3), what it is to explain.
+        seen: (S, S, 3), the picture to explain.
         crop: the square of the photo that it shows.
     """
 
@@ -48,7 +48,7 @@ class Drawn:
 
 
 class _Left(Exception):  # noqa: N818
-    """Nobody looks any more."""
+    """Raised when the page was closed."""
 
 
 class Watching(Callback):
@@ -57,7 +57,7 @@ class Watching(Callback):
     Args:
         generator: of the fit.
         observed: what is fitted.
-        tell: is handed each `Drawn`.
+        tell: called with each `Drawn`.
         left: once set, the fit breaks off at its next step.
     """
 
@@ -98,13 +98,13 @@ def watched(
     intrinsics: NDArray[np.float64] | None = None,
     depth: NDArray[np.float32] | None = None,
 ) -> Iterator[Drawn | PoseResult]:
-    """The fit of `kfit pose`, in a thread beside: one `Drawn` a step, at last the result.
+    """Run the fit of `kfit pose` in another thread: yield one `Drawn` a step, then the result.
 
     Whoever stops iterating ends the fit.
 
     Args:
         model: of the object's category.
-        photo: that is looked at.
+        photo: the photo.
         target: the object in it.
         intrinsics, depth: as `kfit.pose.CategoryModel.pose` takes them.
 
@@ -124,7 +124,7 @@ def watched(
     def fit() -> None:
         try:
             told.put(pose_of(model, photo, target, pipeline=pipeline, **given))
-        except BaseException as error:  # whatever it is, it is told to those who wait
+        except BaseException as error:  # any error is passed to the waiting thread
             told.put(error)
 
     thread = Thread(target=fit, daemon=True)

@@ -24,7 +24,7 @@ LEAST_POINTS = 16
 def pose_of_coordinates(
     coordinates: Tensor, mask: Tensor, depth: Tensor, intrinsics: Tensor, refine: bool = True
 ) -> tuple[Tensor, Tensor, float]:
-    """Pose and size of an object whose pixels tell which points of it they see.
+    """Estimate pose and size of an object from the coordinates of its pixels.
 
     RANSAC over similarities D R x + t from coordinates to the depth's points (Wang et al. 2019, section 5), then
     point-to-plane ICP of the posed coordinates on the depth's points (OpenCV's), which changes R and t alone. ICP is

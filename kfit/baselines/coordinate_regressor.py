@@ -79,7 +79,7 @@ class CoordinateRegressor(nn.Module):
 
     @torch.no_grad()
     def coordinates(self, image: Tensor) -> Tensor:
-        """Coordinates (N, 3, S, S) in box diagonals; they mean nothing beside the object.
+        """Coordinates (N, 3, S, S) in box diagonals; they are meaningless outside of the object.
 
         The mean over the likeliest bin and its neighbours, weighed by their probabilities, so that bins leave no steps.
         """
@@ -90,10 +90,10 @@ class CoordinateRegressor(nn.Module):
         return found
 
     def divergence(self, logits: Tensor, coordinates: Tensor, mask: Tensor) -> Tensor:
-        """How unlikely what was said makes the true coordinates: mean cross-entropy over pixels and axes, in nats.
+        """Return the mean cross-entropy of the true coordinates over pixels and axes, in nats.
 
         With a free turn it is the least over the true coordinates turned about y by k · 60°, k = 0 … 5 (NOCS, section
-        5). One turn is chosen for a whole object.
+        5). One rotation is chosen for all pixels of an object.
 
         Args:
             logits: (N, 3, B, S, S), what ``forward`` gave.

@@ -60,7 +60,7 @@ class OrientationRegressor(nn.Module):
             nn.Linear(seen, hidden_dim), nn.ReLU(True), nn.Linear(hidden_dim, hidden_dim), nn.ReLU(True),
             nn.Linear(hidden_dim, 6),
         )  # fmt: skip
-        # Twice the usual rate of convolutions in this layout on a CPU.
+        # This layout makes convolutions 2 × as fast on a CPU.
         self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
     def fill(self, weights: str) -> None:

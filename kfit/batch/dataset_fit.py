@@ -1,4 +1,4 @@
-"""Fitting a whole data set under any of Lightning's strategies, so that an interrupted run goes on where it stood."""
+"""Fits of a data set under any of Lightning's strategies; interrupted runs are resumed."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ READERS = 8
 
 
 class DatasetFit(LightningModule):
-    """Fits every object of a `kfit.batch.fit_data.FitData` and writes one file an image, whole or not at all.
+    """Fit every object of a `kfit.batch.fit_data.FitData` and write one file for each image, atomically.
 
     For ``lightning predict`` or `lightning.Trainer.predict`. Images whose result is there are left alone, so a run that
     was killed is gone on with by the same command. The first process decides what is left and all take their share of
-    it before anyone fits. The settings are kept in ``fit.json`` beside the results, and a run with others is refused.
+    it before anyone fits. The settings are kept in ``fit.json`` with the results, and a run with others is refused.
 
     An object's result depends on the seed and its image alone, with data of ``batch_size`` 1 to the last bit (on one
     kind of machine). For that each process computes with one thread, as their number would change the rounding: start
@@ -44,7 +44,7 @@ class DatasetFit(LightningModule):
 
     Args:
         out: folder for the results.
-        models: .safetensors files by category, beside the bundled models or in their place.
+        models: .safetensors files by category, in addition to the bundled models or in their place.
         num_starts, num_steps: as in `kfit.FitPipeline`.
         depth: use the images' depth, which fixes distance and size; models that draw none count as missing.
         seed: decides the random numbers.
@@ -97,13 +97,13 @@ class DatasetFit(LightningModule):
                 agreed = error
         agreed = self.trainer.strategy.broadcast(agreed)
         if not isinstance(agreed, list):
-            # Ended with a failure, they would have Lightning kill the first before it can tell.
+            # If they failed, Lightning would kill the first before it can report the error.
             raise agreed if self.trainer.is_global_zero and agreed is not None else SystemExit(0)
         if not self.trainer.is_global_zero:
             self._load(data)
         data.left = agreed
         data.cropper = ObjectCropper({name: model.image_size for name, model in self.models.items()}, self.depth)
-        # A GPU fits faster than one process reads; what it waits for is done beside it.
+        # A GPU fits faster than one process reads, so reading is done in the background.
         shared = max(1, cores() // self.trainer.world_size - 1)
         data.num_workers = 0 if self.trainer.strategy.root_device.type == "cpu" else min(READERS, shared)
 

@@ -1,4 +1,4 @@
-"""Images with objects that are to be fitted, and how a data set hands them out and keeps what was found."""
+"""The interface of data sets to fit: images with objects, and the storage of results."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ class ObjectToFit:
 
     Attributes:
         category: as `kfit.geometry.CATEGORIES` spells it, or what else its data calls it.
-        mask: (H, W), above one half on the object; None where the photo's alpha channel tells it.
+        mask: (H, W), above one half on the object; None to use the photo's alpha channel.
         key: with the seed it decides the object's random numbers.
-        score: how sure it is that the object is there; None where it was not detected but told.
+        score: of the detection; None without a detector.
     """
 
     category: str
@@ -63,7 +63,7 @@ class ImageToFit:
 
 @dataclass
 class Unreadable:
-    """Stands for an image that cannot be used, and says why."""
+    """Placeholder of an image that cannot be used, with the reason."""
 
     name: str
     why: str
@@ -144,7 +144,7 @@ class FitData(LightningDataModule, ABC):
 
     @abstractmethod
     def write(self, path: Path, image: ImageToFit, answers: Sequence[PoseResult | str]) -> None:
-        """Write an image's result, if there is one: for each object an answer, or a sentence why there is none."""
+        """Write an image's result, if there is one: for each object an answer, or the reason why it has none."""
 
     def predict_dataloader(self) -> DataLoader[ImageToFit | Unreadable]:
         """What is left, every process's own part of it."""
@@ -160,7 +160,7 @@ class FitData(LightningDataModule, ABC):
             sampler=_Part(images, count, rank),
             collate_fn=list,
             num_workers=self.num_workers,
-            prefetch_factor=1 if self.num_workers else None,  # whole batches of photos are large
+            prefetch_factor=1 if self.num_workers else None,  # batches of photos are large
             worker_init_fn=on_one_core,
         )
 

@@ -24,7 +24,7 @@ from kfit.segmentation import nocs_detections
 class NOCSFit(FitData):
     """Frames of NOCS; each gets a ``results_<split>_<scene>_<number>.pkl`` that `kfit evaluate` reads.
 
-    Every frame gets one, also where nothing was found. Beside what `kfit.data.make_result` says it holds ``unfitted``:
+    Every frame gets one, also without any detection. In addition to `kfit.data.make_result` it holds ``unfitted``:
     a sentence for each object that has no prediction. A frame with an object of unknown pose or size could not be
     evaluated, and counts as one that cannot be read.
 

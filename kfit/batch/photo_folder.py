@@ -18,9 +18,9 @@ ASIDE = ("_mask", "_depth")
 
 
 class PhotoFolder(FitData):
-    """Photos of one object each; ``cup.jpg`` gets a ``cup.json`` with what ``kfit pose`` with the same seed says.
+    """Photos of one object each; ``cup.jpg`` gets a ``cup.json`` with the answer of ``kfit pose`` with the same seed.
 
-    The object is told by ``cup_mask.png``, else by the photo's alpha channel. Depth, where it is to be used, is in
+    The object is selected by ``cup_mask.png``, else by the photo's alpha channel. Depth, where it is to be used, is in
     ``cup_depth.png`` (16-bit millimetres) or ``cup_depth.npy`` (metres). A photo that cannot be used or fitted gets no
     file, so another run tries it again.
 

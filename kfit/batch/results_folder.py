@@ -16,7 +16,7 @@ SETTINGS = "fit.json"
 
 @dataclass(frozen=True)
 class ResultsFolder:
-    """Files that are whole or not there, all made with the settings that ``fit.json`` beside them tells.
+    """A folder of atomically written results, all with the settings in its ``fit.json``.
 
     Attributes:
         path: of the folder, which need not be there yet.
@@ -40,9 +40,7 @@ class ResultsFolder:
         if SETTINGS in there:
             self._compare(settings)
         elif len(left) < len(names):
-            raise ValueError(
-                f"{self.path} holds results, but no {SETTINGS} tells how they were made: name another folder"
-            )
+            raise ValueError(f"{self.path} holds results, but no {SETTINGS} with their settings: name another folder")
         else:
             self.write(SETTINGS, lambda path: path.write_text(json.dumps(settings, indent=2) + "\n"))
         for name in there:
@@ -55,7 +53,7 @@ class ResultsFolder:
         return (self.path / name).exists()
 
     def write(self, name: str, write: Callable[[Path], object]) -> bool:
-        """Have a file written aside and put it in its place, whole and on the disk; False if none was written."""
+        """Write a file atomically and flush it to disk; return False if none was written."""
         return bool(atomic_write(self.path, {name: write}))
 
     def _compare(self, settings: Mapping[str, object]) -> None:
@@ -63,7 +61,7 @@ class ResultsFolder:
         try:
             known = dict(json.loads(kept.read_text()))
         except (ValueError, TypeError):
-            raise ValueError(f"{kept} is damaged, so it is unknown how the results beside it were made") from None
+            raise ValueError(f"{kept} is damaged, so the settings of its results are unknown") from None
         other = [
             f"{name} {known.get(name, 'untold')} there and {settings.get(name, 'untold')} now"
             for name in {**settings, **known}

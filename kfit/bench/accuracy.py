@@ -28,7 +28,7 @@ def parser() -> ArgumentParser:
         description="Fit views of procedural objects whose seeds, shape families and texture families were held out of "
         "training, views of scanned objects, and objects of NOCS's frames by their true masks, and print median "
         "rotation errors and the shares under 5°, 10°, 30° and 60°. Symmetric classes, and mugs whose handle is hidden "
-        "(less than 2 % of the mask), are judged by their axis, as NOCS does; mugs also on the views that show it.",
+        "(less than 2 % of the mask), are measured by their axis, as NOCS does; mugs also on the views that show it.",
         epilog="examples:\n  kfit bench accuracy --categories '[mug]' --views 20\n"
         "  kfit bench accuracy --meshes '[scans,bottle=scans/shampoo@-y]' --nocs nocs --out accuracy",
     )
@@ -82,13 +82,13 @@ def add_sources(parser: ArgumentParser, views: int) -> None:
 
 
 def models_of(args: Namespace) -> dict[str, CategoryModel]:
-    """The models that were asked for, by category.
+    """Return the requested models by category.
 
     Raises:
         ValueError: for choices that leave nothing to measure, or numbers out of range.
     """
     if args.categories is not None and args.model is not None:
-        raise ValueError("say what to measure: --categories [NAME,…] or --model FILE.safetensors, not both")
+        raise ValueError("choose what to measure: --categories [NAME,…] or --model FILE.safetensors, not both")
     for name, least in {"views": 0, "scan_views": 1, "starts": 1, "steps": 0}.items():
         if args[name] < least:
             raise ValueError(f"--{name.replace('_', '-')} must be at least {least}, got {args[name]}")
@@ -103,7 +103,7 @@ def models_of(args: Namespace) -> dict[str, CategoryModel]:
 
 
 def run(args: Namespace) -> None:
-    """Measure all that was asked for, print the tables, and write them where they are wanted."""
+    """Run the requested measurements, print the tables, and write them if requested."""
     if args.card and args.model is None:
         raise ValueError("--card needs --model FILE.safetensors, whose card is written to")
 

@@ -71,7 +71,7 @@ class AccuracyFits:
         """Figures of each scan of the categories."""
         scans, unknown = find_scans(self.args.meshes)
         for path in unknown:
-            log.warning("left out: no folder of %s names a category; say CATEGORY=%s", path, path.parent)
+            log.warning("left out: no folder of %s names a category; pass CATEGORY=%s", path, path.parent)
         found: Figures = {}
         for scan in scans:
             model = self.models.get(scan.category)

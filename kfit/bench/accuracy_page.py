@@ -129,7 +129,7 @@ def circumstances(command: str, settings: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def processor() -> str:
-    """The processor's name, which Python tells on some systems only."""
+    """Return the processor's name, which Python knows on some systems only."""
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
     except OSError:
@@ -139,7 +139,7 @@ def processor() -> str:
 
 
 def page(sections: Sequence[Section], how: Mapping[str, Any], sheets: Sequence[str]) -> str:
-    """The page in Markdown, with the sheets that lie beside it."""
+    """Return the page in Markdown, with links to the sheets in its folder."""
     versions = ", ".join(f"{name} {version}" for name, version in how["versions"].items())
     machine, seed = how["machine"], how["seed"]
     lines = [
@@ -148,7 +148,7 @@ def page(sections: Sequence[Section], how: Mapping[str, Any], sheets: Sequence[s
         f"Made by `{how['command']}`: {how['starts']} starts and {how['steps']} steps a fit, "
         f"{'pruned' if how['pruned'] else 'not pruned'}, seed {seed}; {versions}; {machine['processor']}, "
         f"{machine['threads']} threads of {machine['cores']} cores. Symmetric classes, and mugs whose handle is "
-        "hidden, are judged by their axis, as NOCS does. The last row of a table of views is the mean of its rows.",
+        "hidden, are measured by their axis, as NOCS does. The last row of a table of views is the mean of its rows.",
         "",
     ]
     for section in sections:

@@ -26,7 +26,7 @@ def parser() -> ArgumentParser:
     """Arguments of ``kfit bench``."""
     return ArgumentParser(
         description="Measure models, optimizers and image registration, and print tables. `kfit bench WHAT --help` "
-        "tells more of a benchmark.",
+        "shows the usage of a benchmark.",
         epilog="examples:\n  kfit bench accuracy --categories '[mug]' --views 20\n  kfit bench registration",
     )
 
@@ -39,5 +39,5 @@ def add_benchmarks(parser: ArgumentParser) -> None:
 
 
 def run(args: Namespace) -> None:
-    """Run the benchmark that was asked for."""
+    """Run the requested benchmark."""
     BENCHMARKS[args.subcommand].run(args[args.subcommand])

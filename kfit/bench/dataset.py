@@ -30,8 +30,8 @@ def parser() -> ArgumentParser:
     """Arguments of ``kfit bench dataset``."""
     parser = ArgumentParser(
         description="Draw photos of unseen objects, 640 × 480 with one object each, and fit the folder as `lightning "
-        "predict -c recipes/fit_dataset.yaml` does: read, cut out, fit, judge, write. The first batch warms up and is "
-        "counted apart.",
+        "predict -c recipes/fit_dataset.yaml` does: read, cut out, fit, evaluate, write. The first batch warms up and "
+        "is counted apart.",
         epilog="example:\n  kfit bench dataset --device cuda --objects 1152 --batch-size 128 --out dataset",
     )
     parser.add_argument("--category", type=str, default="laptop", help="the bundled model")
@@ -82,7 +82,7 @@ def run(args: Namespace) -> None:
 
 
 def write_photos(views: HeldOutViews, folder: Path) -> None:
-    """Each view in the middle of a grey photo, its mask beside it."""
+    """Each view in the middle of a grey photo, with its mask."""
     import numpy as np
     from skimage.io import imsave
 

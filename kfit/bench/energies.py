@@ -113,7 +113,7 @@ def run(args: Namespace) -> None:
     asked = {name: value for name, value in args.items() if name not in ("out", "vgg16")}
     found = _measured_before(args.out, asked)
     if args.vgg16 is None:
-        log.info("VGG16's energies and LPIPS are left out; say --vgg16 FILE for them")
+        log.info("VGG16's energies and LPIPS are left out; pass --vgg16 FILE for them")
     with progress() as bar:
         views: dict[str, HeldOutViews] = {}
         for name, make in compared.items():

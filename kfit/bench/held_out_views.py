@@ -149,16 +149,16 @@ def rotation_errors(
     batch_size: int = 10,
     on_batch: Callable[[int], None] = lambda done: None,
 ) -> tuple[Tensor, list[FitResult]]:
-    """Fit all views and compare: errors (N,) in degrees as NOCS judges them, NaN where a fit failed.
+    """Fit all views and compare: errors (N,) in degrees as in NOCS, NaN where a fit failed.
 
-    Symmetric classes, and mugs whose handle is hidden, are judged by their axis.
+    Symmetric classes, and mugs whose handle is hidden, are measured by their axis.
 
     Args:
         model: what is measured.
         views: with their true poses.
-        pipeline: the model's own unless given.
+        pipeline: by default the model's.
         batch_size: problems a fit; memory grows with it, answers do not change.
-        on_batch: told how many views are done.
+        on_batch: called with the number of finished views.
     """
     pipeline = pipeline or model.pipeline()
     errors, results = [], []

@@ -65,7 +65,7 @@ def fit_known(
 ) -> tuple[PoseResult, float, float] | None:
     """The model's answer, its rotation error in degrees and its translation error in centimetres.
 
-    The rotation is judged as NOCS judges it (`kfit.metrics.nocs_objects.nocs_symmetry`).
+    The rotation is measured as by NOCS (`kfit.metrics.nocs_objects.nocs_symmetry`).
 
     Args:
         model: of the object's category.

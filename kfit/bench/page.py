@@ -15,7 +15,7 @@ from kfit.runtime.console import log, table_console
 
 @contextmanager
 def lightning_silent() -> Iterator[None]:
-    """Lightning says nothing but warnings of what it does."""
+    """Silence Lightning except for warnings."""
     lightning = logging.getLogger("lightning.pytorch")
     before = lightning.level
     lightning.setLevel(max(before, logging.WARNING))

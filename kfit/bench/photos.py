@@ -50,7 +50,7 @@ class Row:
 
     @property
     def right(self) -> bool:
-        """Found, and pointing where the label says."""
+        """Whether it is found, with the direction of the label."""
         return self.faults == ()
 
 

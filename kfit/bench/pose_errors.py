@@ -1,4 +1,4 @@
-"""What fits of unseen views come to: medians and shares, what is called ambiguous, and what it cost."""
+"""Summaries of fits of unseen views: medians and fractions, ambiguous answers, and cost."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from kfit.pose.category_model import CategoryModel
 
 @dataclass(frozen=True)
 class PoseErrors:
-    """Fits of views, judged.
+    """Fits of views, and their errors.
 
     Attributes:
-        rotation_deg: (N,) as `rotation_errors` judges.
+        rotation_deg: (N,) as `rotation_errors` measures.
         translation_cm: (N,).
         visible: (N,) False where a mug's handle is hidden.
-        ambiguous: (N,) whether the answer is said to be so.
+        ambiguous: (N,) whether the answer is called ambiguous.
         results: the fits, in batches.
         seconds: a view.
     """
@@ -69,7 +69,7 @@ def measure(
     pipeline: FitPipeline,
     on_batch: Callable[[int], None] = lambda done: None,
 ) -> PoseErrors:
-    """Fit all views as `rotation_errors` does, and judge the answers."""
+    """Fit all views as `rotation_errors` does, and evaluate the answers."""
     begun = time.perf_counter()
     errors, results = rotation_errors(model, views, pipeline, on_batch=on_batch)
     spent = (time.perf_counter() - begun) / len(errors)

@@ -77,7 +77,7 @@ def sections(
     rows = []
     for axis, points in found.items():
         for value, seconds, memory in points:
-            told = "not told" if memory is None else f"{memory:.0f}"
+            told = "unknown" if memory is None else f"{memory:.0f}"
             rows.append([axis, str(value), f"{seconds:.2f}", f"{seconds / points[0][1]:.1f} ×", told])
     rest = ", ".join(f"{name} {value}" for name, value in usual.items())
     grown = Section(

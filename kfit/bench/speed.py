@@ -150,7 +150,7 @@ def ways_of(args: Namespace, model: CategoryModel) -> list[Way]:
 
 
 def units(args: Namespace, ways: list[Way]) -> Iterator[tuple[Way, int, int]]:
-    """Every fit that is asked for: repeats of the timed views, the ways in turn, then the other views."""
+    """Return every requested fit: repeats of the timed views, the ways in turn, then the other views."""
     for repeat in range(args.repeats):
         yield from ((way, number, repeat) for number in range(args.timed) for way in ways)
     yield from ((way, number, 0) for number in range(args.timed, args.views) for way in ways)
@@ -216,7 +216,7 @@ def _before(out: str | None, asked: dict[str, Any]) -> dict[str, Any]:
         return {DONE: {}}
     told = json.loads(path.read_text(encoding="utf-8"))
     if told["asked"] != json.loads(json.dumps(asked)):
-        raise ValueError(f"{path} was measured with other settings; say another --out, or delete it")
+        raise ValueError(f"{path} was measured with other settings; pass another --out, or delete it")
     kept: dict[str, Any] = told["found"]
     return kept
 

@@ -40,7 +40,7 @@ def _cost(fits: Fits, timed: int) -> Section:
         for key, form in parts.values():
             own, first = (_medians(fits[which], key, timed, repeats) for which in (name, names[0]))
             if None in own or None in first:
-                row += ["not told", ""]
+                row += ["unknown", ""]
                 continue
             row.append(format(median(own), form))
             row.append(f"{median(a / b for a, b in zip(first, own, strict=True)):.1f} ×")

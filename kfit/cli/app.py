@@ -24,7 +24,7 @@ def parser() -> ArgumentParser:
         type=str,
         default="127.0.0.1",
         help="address to listen at; any other than this one lets everybody who can reach this machine use the page, "
-        "which asks for no password",
+        "which has no password",
     )
     return parser
 

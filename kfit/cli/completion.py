@@ -45,7 +45,7 @@ def run(args: Namespace, whole: ArgumentParser) -> None:
 
 
 def _complete_words(action: argparse.Action) -> None:
-    """Words are completed by names of files, as shells do by themselves: of folders where one is asked for."""
+    """Complete arguments by names of files, or of folders, like the shell's default completion."""
     import shtab
 
     if action.dest == "category":

@@ -26,7 +26,7 @@ def parser() -> ArgumentParser:
     parser = ArgumentParser(
         description="Score results_*.pkl as the public NOCS evaluators do: average precision of 3D boxes and of poses "
         "whose box was found, by category. Writes DIR/scores.md, scores.csv, scores.json and curves.png, and of "
-        "several methods rotation.png, translation.png and iou.png beside them. Poses are scored as NOCS's evaluator "
+        "several methods rotation.png, translation.png and iou.png too. Poses are scored as NOCS's evaluator "
         "does, which does not clip before its arc cosine: where rounding leaves the domain, at 0° and 180°, an error "
         "is NaN and passes every threshold, so that a pose that is exactly upside down can count as right. "
         "object-deformnet's evaluator clips, and its pose AP differs in such cases.",
@@ -52,7 +52,7 @@ def parser() -> ArgumentParser:
         type=str,
         default="pred_RTs",
         metavar="KEY",
-        help="poses to judge; boxes still come from pred_RTs, as when the paper's code judges its pred_RTs_ours",
+        help="poses to evaluate; boxes still come from pred_RTs, as when the paper's code evaluates its pred_RTs_ours",
     )
     parser.add_argument(
         "--scale-agnostic",
@@ -131,7 +131,7 @@ def _legend(settings: Mapping[str, Any]) -> str:
     shifts = "; d is the diagonal of an object's box" if settings["scale_agnostic"] else ""
     judged = "" if settings["poses"] == "pred_RTs" else f" and are {settings['poses']}"
     return (
-        f"Average precision in %. Boxes are compared {boxes}; poses are judged where the box was found at 3D IoU 0.1"
+        f"Average precision in %. Boxes are compared {boxes}; poses are evaluated where the box was found at 3D IoU 0.1"
         f"{judged}; 10° and 60° are at any distance{shifts}."
     )
 

@@ -55,7 +55,7 @@ def devices() -> list[dict[str, Any]]:
     """What ``--device`` may name here, and whether it computes bfloat16 itself; memory in MiB, None of the CPU."""
     import torch
 
-    known: dict[str, Any] = getattr(torch.cpu, "get_capabilities", dict)()  # older PyTorch does not tell
+    known: dict[str, Any] = getattr(torch.cpu, "get_capabilities", dict)()  # not available in older PyTorch
     fast = any(known[name] for name in known if name.endswith("bf16")) if known else None
     threads = torch.get_num_threads()
     found = [{"device": "cpu", "name": processor(), "threads": threads, "bfloat16": fast, "memory_mib": None}]
@@ -69,7 +69,7 @@ def devices() -> list[dict[str, Any]]:
 
 
 def models() -> list[dict[str, Any]]:
-    """What the cards of the bundled models tell."""
+    """Return a summary of the cards of the bundled models."""
     from safetensors import safe_open
 
     from kfit.models import read_card
@@ -95,7 +95,7 @@ def models() -> list[dict[str, Any]]:
 
 
 def caches() -> list[dict[str, Any]]:
-    """Folders of what was made or fetched once, and their sizes in MiB; 0 where there is none."""
+    """Return cache folders and their sizes in MiB; 0 if a folder does not exist."""
     import torch
 
     found = []
@@ -169,7 +169,7 @@ def sections(told: dict[str, Any]) -> list[Section]:
                 ]
                 for one in told["models"]
             ],
-            ["Rotation errors on unseen procedural objects; symmetric objects are judged by their axis."],
+            ["Rotation errors on unseen procedural objects; symmetric objects are measured by their axis."],
         ),
         Section(
             "Caches",

@@ -19,10 +19,10 @@ from kfit.runtime.help_page import HelpPage, tree
 from kfit.runtime.parse_errors import sentence
 
 TRAINING = {
-    "fit": "Train networks as a recipe says, by Lightning.",
+    "fit": "Train networks by a recipe, with Lightning.",
     "validate": "Measure trained networks on a recipe's validation data.",
     "test": "Measure trained networks on a recipe's test data.",
-    "predict": "Fit a whole data set as a recipe says.",
+    "predict": "Fit a data set by a recipe.",
 }
 COMMANDS = {
     "demo": demo,
@@ -52,8 +52,8 @@ def parser() -> ArgumentParser:
     top = ArgumentParser(
         prog="kfit",
         version=__version__,
-        description="Fit a picture: find pose, shape and look of an object by drawing it until the drawing explains "
-        "the photo. `kfit COMMAND --help` tells more of a command.",
+        description="Fit a picture: find pose, shape and appearance of an object by drawing it until the drawing "
+        "explains the photo. `kfit COMMAND --help` describes a command.",
         epilog=f"{EXAMPLES}{ENDINGS}\n\nAnswers, tables and JSON go to stdout, all else to stderr. Tab completion: see "
         "`kfit completion --help`.",
         formatter_class=HelpPage,
@@ -120,10 +120,10 @@ def check_places(arguments: Namespace) -> None:
 
 
 def main(args: Sequence[str] | None = None) -> None:
-    """Run a command; without one, show the help. `kfit.runtime.console.ENDINGS` tells how it ends.
+    """Run a command; without one, show the help. `kfit.runtime.console.ENDINGS` lists its exit codes.
 
     Args:
-        args: words after the program's name; those of the process unless given.
+        args: arguments after the program's name; by default those of the process.
     """
     with session(args) as words:
         if words and words[0] in TRAINING:
@@ -142,7 +142,7 @@ def main(args: Sequence[str] | None = None) -> None:
             option = any(f"--{key}" in part._option_string_actions for part in tree(top))
             what = f"--{key}{told[len(key) :]}" if option else told
             raise ValueError(
-                f"{what};{suggestion(words, top, TRAINING)} `{' '.join(['kfit', *named])} --help` tells more"
+                f"{what};{suggestion(words, top, TRAINING)} `{' '.join(['kfit', *named])} --help` shows the usage"
             ) from None
         chosen: Namespace = arguments[arguments.subcommand]
         values = chosen[chosen.subcommand] if "subcommand" in chosen else chosen

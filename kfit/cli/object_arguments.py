@@ -1,4 +1,4 @@
-"""What the words of `kfit pose` and `kfit video` say of the object and of the camera."""
+"""Arguments of `kfit pose` and `kfit video` about the object and the camera."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 def check_thing(args: Namespace) -> None:
-    """Refuse words that do not tell what the object is by one of --category and --model."""
+    """Refuse arguments without exactly one of --category and --model."""
     if (args.category is None) == (args.model is None):
         raise ValueError("say what the object is: either --category NAME or --model FILE.safetensors")
     if args.model is not None and not args.model.endswith(".safetensors"):

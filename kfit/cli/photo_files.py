@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 ENDINGS = (".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tif", ".tiff", ".avif", ".heic", ".heif")
-# Pictures of these endings of the name belong to a photo beside them.
+# Pictures with these name endings belong to another photo in the folder.
 ASIDE = ("_mask", "_depth", "_overlay")
 
 
 def path_name(text: str) -> str:
-    """A word of the command line as it is; jsonargparse would read those of a list as YAML."""
+    """Return an argument unchanged; jsonargparse would parse items of a list as YAML."""
     return text
 
 

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from kfit.segmentation import Photo
 
 __all__ = ["command", "parser", "run"]
-# Width of the table where stdout is no terminal.
+# Width of the table if stdout is not a terminal.
 WIDTH = 160
 
 
@@ -111,12 +111,12 @@ def _check(args: Namespace, photos: Sequence[str]) -> None:
         ValueError: naming them.
     """
     if args.category is not None and args.model is not None:
-        raise ValueError("--category and --model were both given; a model tells its category")
+        raise ValueError("--category and --model were both given; a model has its own category")
     if args.model is not None and not args.model.endswith(".safetensors"):
         raise ValueError(f"--model must name a .safetensors file, got {args.model}")
     if args.mask is not None and (args.box is not None or args.segmenter is not None):
         other = "--segmenter" if args.box is None else "--box"
-        raise ValueError(f"--mask and {other} were both given; the object is told by one of them")
+        raise ValueError(f"--mask and {other} were both given; use one of them to select the object")
     if args.fit is not None and args.depth is not None:
         raise ValueError("--fit and --depth were both given; a recipe fits colour alone")
     if args.report is not None and Path(args.report).suffix.lower() not in (".html", ".htm"):
@@ -138,7 +138,7 @@ def _check_one(args: Namespace, targets: Sequence[FoundObject]) -> None:
     for option in ("report", "animation", "mesh"):
         if args[option] is not None and len(targets) > 1:
             raise ValueError(
-                f"--{option} shows one object, but {len(targets)} were found; --category, --box or --pick tells which"
+                f"--{option} shows one object, but {len(targets)} were found; select one by --category, --box or --pick"
             )
 
 
@@ -199,7 +199,7 @@ def _report(args: Namespace, answers: dict[str, list[PoseResult]]) -> None:
     if not results:
         what = args.category or "bottle, bowl, camera, can, laptop or mug"
         where = args.photo[0] if len(args.photo) == 1 else "the photos"
-        raise ValueError(f"no {what} was found in {where}; --box X Y W H or --mask FILE tells where one is")
+        raise ValueError(f"no {what} was found in {where}; point at one by --box X Y W H or --mask FILE")
     from kfit.cli import answer_files
     from kfit.reports import describe
     from kfit.runtime.browser import open_files
@@ -219,7 +219,7 @@ def _report(args: Namespace, answers: dict[str, list[PoseResult]]) -> None:
 
 
 def pages(results: Sequence[PoseResult], args: Namespace) -> dict[str, Callable[[Path], object]]:
-    """What writes the page, the animation and the mesh of one answer that were asked for, by absolute path."""
+    """Return the writers of the requested page, animation and mesh of one answer, by absolute path."""
     writers: dict[str, Callable[[Path], object]] = {}
     if args.report is not None:
         from kfit.reports.html_page import report

@@ -9,7 +9,7 @@ from kfit.cli.photo_files import path_name
 
 
 def _number(value: str | list[float]) -> float | list[float]:
-    """A number; jsonargparse checks a whole box of them once more."""
+    """Return a number; jsonargparse checks the length of a box."""
     return list(map(float, value)) if isinstance(value, list) else float(value)
 
 
@@ -29,11 +29,11 @@ def parser() -> ArgumentParser:
         "photo",
         type=path_name,
         nargs="+",
-        help="picture files, or folders of them; an alpha channel, if any, tells where the object is",
+        help="picture files, or folders of them; an alpha channel, if any, selects the object",
     )
     thing = parser.add_argument_group("what and where the object is, where not all of them are meant")
     thing.add_argument(
-        "--category", type=str, default=None, metavar="NAME", help=f"look for these alone, one of {SPOKEN}"
+        "--category", type=str, default=None, metavar="NAME", help=f"search for this category only, one of {SPOKEN}"
     )
     thing.add_argument(
         "--model", type=str, default=None, metavar="FILE.safetensors", help="a model of your own, instead of --category"
@@ -96,7 +96,7 @@ def parser() -> ArgumentParser:
         type=str,
         default=None,
         metavar="RECIPE.yaml",
-        help="fit as a recipe says, such as recipes/fit_released.yaml (default: kfit's own way); a recipe names Python "
+        help="fit by a recipe, such as recipes/fit_released.yaml (default: kfit's own fit); a recipe names Python "
         "classes, so run one only of whom you trust, like a program",
     )
     fit.add_argument("--device", type=str, default="cpu", help="cpu, cuda or whatever PyTorch calls it")

@@ -28,7 +28,7 @@ def read_poses(path: str, count: int) -> NDArray[np.float64]:
     """Read the matrices (V, 4, 4) of a JSON file, from the first camera to each of V.
 
     Raises:
-        ValueError: if the file holds anything else, or the matrices are no rigid motions that begin with the identity.
+        ValueError: if the file holds anything else, or the matrices are not rigid motions, the first the identity.
     """
     import numpy as np
 

@@ -84,7 +84,7 @@ def run(args: Namespace) -> None:
     check_thing(args)
     told = [name for name in ("mask", "masks", "box", "segmenter") if args[name] is not None]
     if len(told) > 1 and told != ["box", "segmenter"]:
-        raise ValueError(f"--{told[0]} and --{told[1]} were both given; the object is told by one of them")
+        raise ValueError(f"--{told[0]} and --{told[1]} were both given; use one of them to select the object")
     with status("Loading kfit …"):
         from kfit.models import load
         from kfit.runtime.atomic_write import atomic_write
@@ -92,7 +92,7 @@ def run(args: Namespace) -> None:
 
         frames = Frames.of(args.frames)
         video = Video(load(args.model or args.category), frames, args)
-    # Both files grow from frame to frame; what writes the first writes the second beside it.
+    # Both files grow from frame to frame, and are written together.
     files = {"overlay.webm": lambda path: video.write(path, path.with_name("poses.json")), "poses.json": lambda _: None}
     overlay, _ = atomic_write(Path(args.out), files)
     if frames.note:
@@ -105,8 +105,8 @@ class Video:
 
     Args:
         model: with a pose head.
-        frames: in which it is looked for.
-        args: what the user said of it.
+        frames: of the video.
+        args: of the command line.
 
     Attributes:
         num_frames, num_anew: that were gone through; in which it was found anew, but the first.
@@ -155,7 +155,7 @@ class Video:
         self.seconds = time.perf_counter() - begun
 
     def tracked(self, file: TextIO) -> Iterator[tuple[Frame, TrackedPose]]:
-        """The frames and what is found in them; what the first tells of all is written before."""
+        """Yield the frames and their poses; values from the first that hold for all are written before."""
         from kfit.segmentation import mask_from_alpha
         from kfit.tracking import Tracker
 
@@ -174,12 +174,12 @@ class Video:
                 yield frame, tracker(frame.photo, given)
 
     def mask(self, number: int, frame: Frame) -> NDArray[np.float32] | None:
-        """What a file says of where the object is in a frame."""
+        """Return the pose of a frame as written to a file."""
         from kfit.segmentation import mask_from_file
 
         shape = frame.photo.image.shape[:2]
         if self.masks is not None:
-            # Clips say but roughly how many frames they have.
+            # The number of frames in a clip's header is approximate.
             if number >= len(self.masks):
                 held = f"{self.args.masks} holds {number} masks"
                 raise ValueError(f"--masks: {held}, and {self.args.frames} has more frames")
@@ -241,7 +241,7 @@ def header(first: PoseResult) -> dict[str, Any]:
 
 
 def entry(number: int, frame: Frame, answer: TrackedPose) -> dict[str, Any]:
-    """What ``poses.json`` says of a frame; null where the object was not found."""
+    """Return the entry of a frame in ``poses.json``; None if the object was not found."""
     numbers = {name: getattr(answer, name).tolist() for name in ("rotation", "translation", "size")}
     return {
         "frame": number,

@@ -71,7 +71,7 @@ def _trained(path: Path, command: str | None) -> tuple[dict[str, nn.Module], Car
         symmetry=category.symmetry,
         mean_diagonal=category.mean_diagonal,
         training={
-            "command": command or "not told",
+            "command": command or "unknown",
             "data": data | {"shapes_version": VERSION},
             "steps": int(saved["global_step"]),
             "pairs": int(saved["global_step"]) * int(data["batch_size"]),

@@ -1,4 +1,4 @@
-"""A fit as a moving picture: what was seen, and beside it the drawing, step by step."""
+"""A fit as an animation: the observation, and the drawing step by step."""
 
 from __future__ import annotations
 

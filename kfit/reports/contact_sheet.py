@@ -55,7 +55,7 @@ def contact_sheet(entries: Sequence[SheetEntry], title: str, num_columns: int = 
     Args:
         entries: what is shown.
         title: a line above it all.
-        num_columns: cells beside each other.
+        num_columns: number of cells in a row.
 
     Returns:
         (height, width, 3) RGB bytes.
@@ -132,7 +132,7 @@ def _window(picture: NDArray[np.float32], crop: Crop, beyond: float) -> NDArray[
     """The part of a photo that a crop shows; ``beyond`` where the photo ends."""
     to_crop = crop.image_to_crop[:2].numpy()
     border = (beyond,) * 3
-    # A warp takes samples, so where it makes smaller what it shows is averaged over as many pixels before.
+    # A warp samples points, so pictures that become smaller are averaged over pixels first.
     blur = crop.side / crop.size / 2
     soft = cv2.GaussianBlur(picture, (0, 0), blur) if blur > 0.5 else picture
     shown: NDArray[np.float32] = cv2.warpAffine(

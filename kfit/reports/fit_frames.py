@@ -46,7 +46,7 @@ def fit_frames(result: PoseResult) -> FitFrames:
     if history.value_stride != 1:
         raise ValueError("result must come from a fit that recorded the values of every step, with history=True")
     start = int(fit.start[0])
-    there = history.energy[:, 0, start].isfinite()  # a start at rest is not looked at again
+    there = history.energy[:, 0, start].isfinite()  # frozen starts are not evaluated again
     path = {name: value[there, 0, start] for name, value in history.values.items()}
     same = [(value == fit.values[name]).reshape(len(value), -1).all(1) for name, value in path.items()]
     return FitFrames(

@@ -38,15 +38,24 @@ CAMERA = {"fx": (0, 0), "fy": (1, 1), "cx": (0, 2), "cy": (1, 2)}
 
 
 def report(result: PoseResult, path: str | Path = "report.html", command: str | None = None) -> Path:
-    """Write a page about a fit: one HTML file that asks for nothing from elsewhere.
+    """Write a page about a fit: one HTML file that loads nothing from elsewhere.
 
-    It shows the photo with the box, the axes and the drawing's contour; the drawing at each step beside what was seen;
-    the energies of all starts; where the camera is, by the answer and by its alternatives; and the numbers.
+    It shows the photo with the box, the axes and the drawing's contour; the drawing at each step with the observation;
+    the energies of all starts; the camera of the answer and of its alternatives; and the numbers.
 
     Args:
         result: of `kfit.pose.CategoryModel.pose`.
         path: of the file.
         command: that made it, to be named.
+
+    Example:
+        >>> import numpy as np, kfit
+        >>> image, mask = np.ones((96, 96, 3)), np.zeros((96, 96))
+        >>> image[20:80, 30:70], mask[20:80, 30:70] = (0.7, 0.2, 0.1), 1
+        >>> model = kfit.load("mug")
+        >>> short = model.pipeline(num_starts=1, num_steps=1)  # for this example
+        >>> kfit.report(model.pose(image, mask=mask, pipeline=short), "page.html").name
+        'page.html'
     """
     place = Path(path)
     text = page(result, command)
@@ -89,12 +98,12 @@ def page(result: PoseResult, command: str | None = None) -> str:
 
 
 def number(value: float, digits: int) -> str:
-    """A number as people read it, with a minus sign that is no hyphen; a dash for what is not defined."""
+    """Format a number with a typographic minus sign; a dash if it is undefined."""
     return "–" if math.isnan(value) else f"{round(value, digits) + 0.0:.{digits}f}".replace("-", "−")
 
 
 def _numbers(result: PoseResult) -> list[tuple[str, list[tuple[str, str]], str]]:
-    """Rows of the table: what, its named parts with units, and what it means."""
+    """Return rows of the table: name, named parts with units, and meaning."""
     view = zip(("azimuth", "elevation", "roll"), camera_angles(result.rotation, result.translation), strict=True)
     axes = ("x", "y", "z")
     cm = [[f"{number(100 * part, 1)} cm" for part in parts] for parts in (result.translation, result.size)]

@@ -43,7 +43,7 @@ def inline_svg(figure: Figure, alt: str) -> Markup:
 
     Args:
         figure: made within `styled`, in the colours above.
-        alt: what it shows, for those who cannot see it.
+        alt: alternative text.
     """
     text = io.StringIO()
     nothing = dict.fromkeys(("Creator", "Date", "Format", "Type"))

@@ -27,7 +27,7 @@ def write_mesh(result: PoseResult, path: str | Path, suffix: str | None = None) 
     Args:
         result: of a fit by a model that draws a volume.
         path: where to.
-        suffix: the kind of file, ".glb", ".obj" or ".ply"; the path's own unless given.
+        suffix: the kind of file, ".glb", ".obj" or ".ply"; by default the path's.
 
     Raises:
         ValueError: for another kind, and if the object has no surface.

@@ -1,4 +1,4 @@
-"""A fit shown on its photo: box, axes and outline, and beside them what was seen and what was fitted."""
+"""A fit drawn on its photo: box, axes and outline, with the observation and the drawing at its side."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ AXES = (("x", (230, 40, 40)), ("y", (30, 170, 60)), ("z", (40, 90, 240)))
 LARGEST_FRAME = 640
 # Height of a line of OpenCV's lettering at font scale 1.
 LINE = 30.0
-# OpenCV draws at sixteenths of a pixel when told to.
+# OpenCV draws with a precision of 1/16 pixel by its argument `shift`.
 BITS = 4
 
 
@@ -52,7 +52,7 @@ def draw_overlay(
         translation: (3,) in metres.
         size: (3,) extents of the object in metres.
         intrinsics: (3, 3) of the photo.
-        seen: (3, S, S), the crop that was to be explained, for a panel beside the photo.
+        seen: (3, S, S), the observed crop, for a panel at the side of the photo.
         drawing: (3, S, S), the generator's picture, for another.
         mask: (H, W) array or tensor, whose outline is drawn in white.
         caption: line or lines for the strip below.
@@ -123,7 +123,7 @@ def draw_frame(
         image: (H, W, 3) array or tensor, RGB in [0, 1].
         caption: a few words for the upper left corner.
         pose: rotation, translation, size and intrinsics, arrays or tensors as `draw_overlay` takes them.
-        outline: silhouette (S, S) of the drawing, above 1/2 on the object, in the pixels of the crop beside it.
+        outline: silhouette (S, S) of the drawing, above 1/2 on the object, in the pixels of the crop.
         confidence: of the pose, in [0, 1].
 
     Returns:
@@ -152,7 +152,7 @@ def draw_frame(
 
 
 def _photo_to_draw_on(image: Any) -> tuple[Picture, Tensor, float]:
-    """A photo as large as it is shown, the map (3, 3) of its pixels to those shown, and how thick lines are."""
+    """Return the photo at display size, the map (3, 3) of its pixels to the display's, and the width of lines."""
     photo = _bytes(torch.as_tensor(image))
     factor = min(max(SMALLEST, max(photo.shape[:2])), LARGEST) / max(photo.shape[:2])
     photo = _resized(photo, round(photo.shape[1] * factor), round(photo.shape[0] * factor))

@@ -18,7 +18,7 @@ def picture_table(columns: Mapping[str, Tensor], rows: Sequence[str] = ()) -> Fi
 
     Args:
         columns: by what is written above them, (R, 3, H, W) RGB or (R, 1, H, W) grey in [0, 1], all of one size.
-        rows: what is written beside each row; nothing where there are none.
+        rows: labels of the rows, or empty.
 
     Returns:
         The figure; its ``savefig`` writes it.
@@ -42,7 +42,7 @@ def picture_table(columns: Mapping[str, Tensor], rows: Sequence[str] = ()) -> Fi
     for number, (name, pictures) in enumerate(columns.items()):
         grid[0, number].set_title(name, fontsize=9, pad=4)
         for axes, picture in zip(grid[:, number], pictures.detach().cpu().float().clamp(0, 1), strict=True):
-            # Small pictures are drawn smooth, as they are meant; matplotlib itself takes care of large ones.
+            # Small pictures are interpolated smoothly; matplotlib resamples large ones.
             smooth = "bicubic" if picture.shape[-1] < CELL * DPI else "auto"
             axes.imshow(picture.movedim(0, -1).numpy(), cmap="gray", vmin=0, vmax=1, interpolation=smooth)
             axes.set(xticks=[], yticks=[])

@@ -16,7 +16,7 @@ CODECS = {".webm": ("VP80", "VP8"), ".mp4": ("vp09", "VP9")}
 
 
 class VideoFile:
-    """A WebM file of VP8 or an MP4 file of VP9, to be used in a ``with`` statement and handed pictures one by one.
+    """A WebM file of VP8 or an MP4 file of VP9, to be used in a ``with`` statement, written picture by picture.
 
     Of what OpenCV's packages encode, MPEG-4 (mp4v) is played by no browser, H.264 is not among it, VP9 takes several
     times as long as VP8, and VP8, which MP4 does not hold, is played by Chrome, Edge, Firefox and Safari.
@@ -63,14 +63,14 @@ class VideoFile:
         self._writer.write(cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
 
     def _ask_why(self) -> None:
-        """Raise what the system says of writing there, which OpenCV keeps to itself."""
+        """Raise the system's error of writing there, which OpenCV does not report."""
         with self.path.open("ab") as file:
             file.write(bytes(2**20))
             os.fsync(file.fileno())
 
 
 def _has_end(path: Path) -> bool:
-    """Whether the file tells its length: that is written last, and nothing after what could not be written."""
+    """Return whether the file has its length, which is written last, and only if all was written."""
     with _silence():
         read = cv2.VideoCapture(str(path))
         whole = bool(read.get(cv2.CAP_PROP_FRAME_COUNT) > 0)
@@ -80,7 +80,7 @@ def _has_end(path: Path) -> bool:
 
 @contextmanager
 def _silence() -> Iterator[None]:
-    """Drop what C code writes to standard error: OpenCV says there that WebM has no four-letter tags, unasked."""
+    """Suppress standard error of C code: OpenCV warns there that WebM has no four-letter tags."""
     sys.stderr.flush()
     kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
     try:

@@ -37,7 +37,7 @@ def view_sphere(result: PoseResult) -> Markup:
     """
     places = [camera_angles(found.rotation, result.translation)[:2] for found in result.alternatives]
     turned, above = places[0]
-    # A camera at azimuth a sees the object turned by a; this onlooker stands beside the answer's and higher.
+    # A camera at azimuth a sees the object rotated by a; this view is from the side of the answer's, and higher.
     onlooker = rotation_from_angles(*torch.tensor([turned + 30, min(max(above, 0) / 2 + 20, 60), 0]).double().deg2rad())
     with styled():
         figure = Figure(figsize=(SIDE, SIDE))

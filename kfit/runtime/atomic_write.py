@@ -1,4 +1,4 @@
-"""Writing files so that a reader, or a run after a kill, finds them whole or not at all."""
+"""Atomic writing: a reader, or a run after a kill, finds files complete or absent."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def atomic_write(folder: Path, files: Mapping[str, Callable[[Path], object]]) ->
     Raises:
         OSError: of the system's kind, naming the file, where one cannot be written; all files stay as they were.
     """
-    places = [folder / name for name in files]  # an absolute path stays what it is
+    places = [folder / name for name in files]  # absolute paths are kept
     for place in places:
         if place.is_dir():
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(place))
@@ -43,7 +43,7 @@ def atomic_write(folder: Path, files: Mapping[str, Callable[[Path], object]]) ->
                 if (parent := place.parent) not in asides:
                     with _naming(place):
                         parent.mkdir(parents=True, exist_ok=True)
-                        # In the same folder, as nothing is moved whole from one file system to another.
+                        # In the same folder, because a move between file systems is not atomic.
                         asides[parent] = Path(stack.enter_context(TemporaryDirectory(prefix=PARTIAL, dir=parent)))
             written = [asides[place.parent] / place.name for place in places]
             for path, place, write in zip(written, places, files.values(), strict=True):
@@ -64,7 +64,7 @@ def _naming(place: Path) -> Iterator[None]:
     """Have what the system refuses name the place, where it names nothing or what is there only meanwhile."""
     try:
         yield
-    except FileExistsError as error:  # what is to be a folder is none
+    except FileExistsError as error:  # the path is not a folder
         raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), error.filename) from None
     except OSError as error:
         if error.errno is None or (error.filename is not None and PARTIAL not in str(error.filename)):
@@ -85,7 +85,7 @@ def check_folder(name: str, folder: Path) -> None:
         folder: need not be there.
 
     Raises:
-        OSError: if it, or what of the path to it exists, is no folder, or may not be written to.
+        OSError: if it, or an existing part of its path, is not a folder or not writable.
     """
     there = folder.absolute()
     try:
@@ -95,7 +95,7 @@ def check_folder(name: str, folder: Path) -> None:
     except OSError as error:
         raise OSError(f"{name}: {error.strerror}: {folder}") from None
     if not there.is_dir():
-        raise OSError(f"{name} must name a folder, but {there} is none")
+        raise OSError(f"{name} must name a folder, but {there} is not one")
     if not os.access(there, os.W_OK | os.X_OK):
         code = errno.EROFS if os.statvfs(there).f_flag & os.ST_RDONLY else errno.EACCES
         raise OSError(f"{os.strerror(code)}: {name} {there}")

@@ -25,9 +25,9 @@ ENDINGS = """exit status:
   0    done
   1    something that kfit did not expect; --verbose shows where it happened
   2    wrong use, or files that cannot be used; one sentence says which
-  130  interrupted (Ctrl-C); files are whole or not there
+  130  interrupted (Ctrl-C); files are complete or absent
   141  whoever read the output has stopped reading"""
-# What kfit says of wrong arguments and files, and what libraries say of the machine, such as that its memory is full.
+# Errors of kfit about wrong arguments and files, and of libraries about the machine, such as exhausted memory.
 MISTAKES = (ValueError, OSError, ImportError, RuntimeError, MemoryError)
 log = logging.getLogger("kfit")
 
@@ -35,7 +35,7 @@ log = logging.getLogger("kfit")
 def add_general_options(parser: Any) -> None:
     """Add ``--quiet`` and ``--verbose`` to a parser of argparse's or jsonargparse's."""
     group = parser.add_argument_group("general options")
-    # Absent unless said, so that they are no part of what a command's page says of how to repeat it.
+    # Absent by default, so that they are not part of the command line that a report repeats.
     settings: Any = {"action": "store_true", "default": argparse.SUPPRESS}
     group.add_argument("-q", "--quiet", help="errors only: no progress, no notes", **settings)
     group.add_argument("-v", "--verbose", help="also what is going on, and where an error came from", **settings)
@@ -45,11 +45,11 @@ def add_general_options(parser: Any) -> None:
 def session(args: Sequence[str] | None) -> Iterator[list[str]]:
     """Heed the general options wherever they stand, give the other words, and end with the right exit status.
 
-    While it lasts the level of the logger ``kfit`` is ERROR where ``--quiet`` was said, DEBUG with ``--verbose``, else
+    Meanwhile the level of the logger ``kfit`` is ERROR with ``--quiet``, DEBUG with ``--verbose``, else
     INFO; what is logged goes to stderr.
 
     Args:
-        args: words after the program's name; those of the process unless given.
+        args: arguments after the program's name; by default those of the process.
 
     Raises:
         SystemExit: with one of `ENDINGS` unless all went well.
@@ -65,7 +65,7 @@ def session(args: Sequence[str] | None) -> Iterator[list[str]]:
     try:
         with _writable(), _drawing_to_files(), _endings(verbose), warnings.catch_warnings():
             if quiet and "verbose" in said:
-                raise ValueError("--quiet and --verbose were both given; say one of them")
+                raise ValueError("--quiet and --verbose were both given; use one of them")
             if quiet:
                 warnings.simplefilter("ignore")
             begun = time.perf_counter()
@@ -81,7 +81,7 @@ def session(args: Sequence[str] | None) -> Iterator[list[str]]:
 
 
 def progress() -> Progress:
-    """A bar with the time left, on stderr; nothing where that is no terminal, or under ``--quiet``."""
+    """Return a progress bar with the time left, on stderr; hidden if it is not a terminal, or with ``--quiet``."""
     from rich.console import Console
     from rich.progress import Progress
 
@@ -102,7 +102,7 @@ def status(text: str) -> Iterator[None]:
 
 
 def table_console(width: int) -> Console:
-    """Where tables are printed: as wide as the terminal, or of that width where stdout is none."""
+    """Return the console of tables: as wide as the terminal, or of this width if stdout is not a terminal."""
     from rich.console import Console
 
     return Console(width=None if sys.stdout.isatty() else width)
@@ -118,13 +118,13 @@ class _Stderr(logging.Handler):
     """Writes to what `sys.stderr` is by then: while a bar is shown, a stream that writes above it."""
 
     def emit(self, record: logging.LogRecord) -> None:
-        with suppress(OSError):  # where nothing can be told, the exit status still tells
+        with suppress(OSError):  # if nothing can be written, the exit status remains
             print(_inert(self.format(record)), file=sys.stderr)
 
 
 @contextmanager
 def _writable() -> Iterator[None]:
-    """Write characters that the encoding of stdout lacks as escapes, instead of ending the work that they tell of."""
+    """Write characters that the encoding of stdout lacks as escapes, instead of failing."""
     out = sys.stdout
     if not isinstance(out, io.TextIOWrapper) or out.errors != "strict":
         yield
@@ -194,5 +194,5 @@ def _endings(verbose: bool) -> Iterator[None]:
 
 
 def _on_one_line(error: Exception) -> str:
-    """What an error says, or its type where it says nothing."""
+    """Return the message of an error, or its type if it has none."""
     return " ".join(re.sub(r"^\[Errno \d+\] ", "", str(error)).split()) or type(error).__name__

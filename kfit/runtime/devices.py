@@ -21,7 +21,7 @@ def device_of(name: str) -> torch.device:
     """The device of that name.
 
     Raises:
-        ValueError: if there is none here.
+        ValueError: if this machine has none.
     """
     try:
         device = torch.device(name)
@@ -50,7 +50,7 @@ def compile_networks(*networks: nn.Module, **kwargs: Any) -> bool:
         kwargs: as `torch.compile` takes them.
 
     Returns:
-        Whether they will be; where there is no compiler they stay as they are.
+        Whether they will be compiled; without a compiler they are unchanged.
     """
     first = next((parameter for network in networks for parameter in network.parameters()), None)
     on_cpu = first is None or first.device.type == "cpu"
@@ -67,7 +67,7 @@ def cores() -> int:
 
 
 def memory() -> int:
-    """Bytes of the machine's memory, where the system tells them; else 64 GB."""
+    """Return the bytes of the machine's memory, or 64 GB if unknown."""
     try:
         return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     except (AttributeError, ValueError, OSError):
@@ -127,7 +127,7 @@ class Operations(TorchDispatchMode):
 
 
 def wait(device: str | torch.device) -> None:
-    """Until what a GPU was told to do is done; a CPU is never behind."""
+    """Wait until a GPU has finished its work; a CPU is synchronous."""
     if torch.device(device).type == "cuda":
         torch.cuda.synchronize(device)
 
@@ -140,7 +140,7 @@ def matrix_rate(
     Args:
         dtype: of the matrices.
         device: that multiplies them.
-        size: of a side; 2048, on a GPU 8192, unless given.
+        size: of a side; by default 2048, on a GPU 8192.
         repeats: products that count.
     """
     size = size or (2048 if torch.device(device).type == "cpu" else 8192)

@@ -1,4 +1,4 @@
-"""How ``--help`` looks: a short usage line, examples on lines of their own, and the default of each option."""
+"""Layout of ``--help``: a short usage line, examples on separate lines, and a default for every option."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class HelpPage(DefaultHelpFormatter):
         super().__init__(prog.replace(" [options]", ""), *args, **kwargs)
 
     def add_usage(self, usage: str | None, actions: Iterable[argparse.Action], *args: Any, **kwargs: Any) -> None:
-        """Name what must be said; the options follow below."""
+        """Name required arguments in the usage line; the options are listed below."""
         needed = [action for action in actions if action.required or not action.option_strings]
         super().add_usage(usage, needed, *args, **kwargs)
 
@@ -45,7 +45,7 @@ class HelpPage(DefaultHelpFormatter):
         return "\n".join(f"{indent}{line}" for line in lines[:-1])
 
     def _format_action(self, action: argparse.Action) -> str:
-        if isinstance(action, argparse._SubParsersAction):  # the commands say it all
+        if isinstance(action, argparse._SubParsersAction):  # the list of commands suffices
             return "".join(self._format_action(command) for command in self._iter_indented_subactions(action))
         return super()._format_action(action)
 
@@ -78,7 +78,7 @@ class HelpPage(DefaultHelpFormatter):
 
 
 def _spelled(default: object) -> str:
-    """As it would be said on the command line."""
+    """Return a default as it is written on the command line."""
     if isinstance(default, bool):
         return str(default).lower()
     if isinstance(default, list):

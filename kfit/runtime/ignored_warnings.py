@@ -1,4 +1,4 @@
-"""Silence while a library reads what it would warn of, also where several threads read at once."""
+"""Suppress warnings of a library while it reads, also in several threads at once."""
 
 from __future__ import annotations
 

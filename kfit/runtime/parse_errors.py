@@ -1,4 +1,4 @@
-"""What jsonargparse says of wrong words and recipes, in one sentence."""
+"""Errors of jsonargparse about wrong arguments and recipes, in one sentence."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def sentence(told: str) -> str:
     ``trainer.max_epochs must be a whole number or null, got many``. What is no such tree is put on one line.
     """
     keys: list[tuple[int, str]] = []
-    reasons: list[tuple[int, str, str]] = []  # depth, path of keys, and what is said of it
+    reasons: list[tuple[int, str, str]] = []  # depth, path of keys, and message
     wanted: list[tuple[int, str, str]] = []
     got = ""
     for line in told.splitlines():

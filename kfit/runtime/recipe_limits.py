@@ -15,7 +15,7 @@ LARGEST, MOST_VALUES, DEEPEST = 200_000, 20_000, 30
 
 @contextmanager
 def no_exit() -> Iterator[None]:
-    """Turn the end of the program that an imported module asks for into an error.
+    """Turn an exit that an imported module requests into an error.
 
     Raises:
         ValueError: where SystemExit was raised by other code than that which parses arguments.
@@ -45,7 +45,7 @@ def check_recipe(path: str | Path) -> None:
     except RecursionError:
         raise ValueError(f"{path} is no recipe: its values are nested too deeply") from None
     except (yaml.YAMLError, ValueError):
-        return  # whoever reads it tells where it is wrong
+        return  # the reader reports its error
     values = 0 if root is None else _count(root, {}, 0)
     if values > MOST_VALUES:
         raise ValueError(

@@ -1,4 +1,4 @@
-"""What `torch.save` wrote, read as data that is no larger than the file."""
+"""Files of `torch.save`, read as data whose size is bounded by the file."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def _holds(path: Path, word: bytes) -> bool:
 
 
 def _check_tensors(value: Any) -> None:
-    """Refuse tensors that stand for far more numbers than they hold; what is held twice is looked at once."""
+    """Refuse tensors that represent far more numbers than they store; shared storage is checked once."""
     left, met = [value], set()
     while left:
         one = left.pop()

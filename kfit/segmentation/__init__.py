@@ -1,4 +1,4 @@
-"""Where the object is: photos and masks from files, and masks found by networks, by GrabCut or told by others."""
+"""Photos and masks from files, and masks from networks, GrabCut or detections."""
 
 from kfit.segmentation.clean_mask import binary_mask, clean_mask
 from kfit.segmentation.detections import Detections, Detector

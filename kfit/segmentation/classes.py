@@ -28,7 +28,7 @@ SYNONYMS = {
 
 
 def category_of(name: str) -> str | None:
-    """The category of kfit's that a detector's class is, None if it is none: "cup" is a mug.
+    """Return kfit's category of a detector's class, or None: "cup" is a mug.
 
     Case does not matter, an underscore is a space, and of names joined by a slash each counts ("can/tin can").
     """

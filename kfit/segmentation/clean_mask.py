@@ -48,7 +48,7 @@ def binary_mask(values: NDArray[Any], labels: bool = True) -> NDArray[np.float32
 
 
 def clean_mask(mask: NDArray[np.float32]) -> Segment:
-    """Drop the parts of a mask that are no part of the object, and fill its small holes.
+    """Drop parts of a mask that do not belong to the object, and fill small holes.
 
     Filled are holes (4 neighbours) with less than 1 % of the object's area that do not touch the picture's border.
 
@@ -57,7 +57,7 @@ def clean_mask(mask: NDArray[np.float32]) -> Segment:
     doubt: it is another object, or the same one behind something.
 
     Args:
-        mask: (H, W) in [0, 1], above 1/2 on the object; fractions are kept. Empty masks stay as they are.
+        mask: (H, W) in [0, 1], above 1/2 on the object; fractions are kept. Empty masks are unchanged.
 
     Returns:
         The mask, with a note where parts were dropped and a doubt where a large one lies far away.

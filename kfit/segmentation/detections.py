@@ -1,4 +1,4 @@
-"""What a detector found in a photo, or somebody else's files say of it."""
+"""Detections in a photo, by a detector or from files."""
 
 from __future__ import annotations
 
@@ -90,7 +90,9 @@ class Detections(Segmenter):
         there = [index for index, found in enumerate(self.categories) if found == category]
         if not there:
             others = self._said(np.argsort(-self.scores, kind="stable")[:5].tolist()) or "nothing at all"
-            raise ValueError(f"no {category} was detected in the photo, but {others}; a box can tell another")
+            raise ValueError(
+                f"no {category} was detected in the photo, but {others}; use a box to select another object"
+            )
         best = max(there, key=lambda index: float(self.scores[index]))
         if len(there) == 1:
             return best, []

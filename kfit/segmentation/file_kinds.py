@@ -1,4 +1,4 @@
-"""Kinds of files that people have, beyond what Pillow reads by itself: HEIC, videos, addresses of the web."""
+"""Kinds of files beyond Pillow's: HEIC, videos, addresses of the web."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ HEIF_BRANDS = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"
 
 
 def check_is_file(path: str | Path) -> None:
-    """Refuse what is no file: an address, a folder, or a pipe, which would be waited for.
+    """Refuse anything but a file: an address, a folder, or a pipe, which would block.
 
     Raises:
         FileNotFoundError: if there is nothing.
@@ -42,7 +42,7 @@ def register_heif() -> None:
     """Have Pillow open HEIC and HEIF files, by the package pillow-heif.
 
     Raises:
-        ImportError: if it is not installed; the sentence tells how it is.
+        ImportError: if it is not installed; the message has the command to install it.
     """
     if "HEIF" in Image.OPEN:
         return
@@ -54,7 +54,7 @@ def register_heif() -> None:
 
 
 def unreadable(path: str | Path) -> str:
-    """A sentence on a file that is no picture."""
+    """Return a sentence about a file that is not a picture."""
     if Path(path).suffix.lower() in VIDEOS:
         return f"{path} is a video, not a photo: `kfit video` follows an object through it"
     return f"{path} is not an image that can be read"

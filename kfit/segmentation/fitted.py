@@ -1,4 +1,4 @@
-"""A photo as it is fed to a network of another size, and the way back."""
+"""Resizing a photo for a network, and mapping results back."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class Fitted:
 
 
 def resized(image: NDArray[np.float32], size: tuple[int, int]) -> NDArray[np.float32]:
-    """A picture (H, W) or (H, W, 3) at ``size`` (h, w); where it shrinks, a pixel is the mean of what it spans."""
+    """Resize a picture (H, W) or (H, W, 3) to ``size`` (h, w), by area means if it becomes smaller."""
     shrinks = size[0] * size[1] < image.shape[0] * image.shape[1]
     how = cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
     taken: NDArray[np.float32] = cv2.resize(np.ascontiguousarray(image), (size[1], size[0]), interpolation=how)

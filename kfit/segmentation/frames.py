@@ -1,4 +1,4 @@
-"""Frames of a video, from a clip or from a folder of pictures, read one by one as they are asked for."""
+"""Frames of a video, from a clip or from a folder of pictures, read one by one on access."""
 
 from __future__ import annotations
 
@@ -17,10 +17,11 @@ from kfit.segmentation.photo import LARGEST_PICTURE, Photo, read_photo
 
 PICTURES = (".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tif", ".tiff")
 USUAL_RATE = 30.0
-"""Frames a second where nothing tells them."""
+"""Default frame rate, in frames a second."""
 # FFmpeg reads playlists too, which name other files and addresses, and takes any text for a moving picture.
 CLIPS = "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,mpeg,mpegts,mpegvideo,m4v,flv,asf,ogg,ivf,gif,mjpeg,h264,hevc,mxf"
-# Clips say how many frames they have, some of them roughly; one that ends at less than this share was cut short.
+# Headers of clips have the number of frames, sometimes approximately; a clip that ends before this fraction is
+# truncated.
 WHOLE = 0.9
 _OPTIONS = "OPENCV_FFMPEG_CAPTURE_OPTIONS"
 
@@ -30,8 +31,8 @@ class Frame:
     """One frame.
 
     Attributes:
-        photo: what it shows.
-        time: in seconds from the start, where the file tells it.
+        photo: its picture.
+        time: in seconds from the start, if the file has it.
     """
 
     photo: Photo
@@ -96,7 +97,7 @@ class FolderOfFrames(Frames):
 
 
 class Clip(Frames):
-    """A video file; frames of phones that were held upright are turned upright, as the file says."""
+    """A video file; frames are rotated by the orientation in the file."""
 
     def __init__(self, path: Path) -> None:
         if path.suffix.lower() in PICTURES:

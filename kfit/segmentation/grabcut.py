@@ -18,12 +18,12 @@ ITERATIONS = 5
 CORES = (0.25, 0.5, 0.7, 0.8)
 # A box drawn around an object is nearly touched by it on all sides.
 REACH = 0.75
-# Where colours tell nothing, the mask stays the first ellipse and at most a tenth more; objects at least triple it.
+# If colours do not separate object and background, the mask stays within 1.1 × the initial ellipse; objects reach 3 ×.
 GROWTH = 0.25
 
 
 class GrabCut(Segmenter):
-    """Takes what stands out in the box, or in the whole picture, for the object; see `mask_from_box`."""
+    """Segment the salient object in the box, or in the picture; see `mask_from_box`."""
 
     def __call__(self, image: NDArray[np.float32], category: str, box: Box | None = None) -> Segment:
         if box is not None:

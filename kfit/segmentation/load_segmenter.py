@@ -12,11 +12,11 @@ from kfit.segmentation.yolo_seg import YoloSeg
 
 
 def load_segmenter(path: str | Path) -> Segmenter:
-    """Load an ONNX model that finds objects: Mask R-CNN, YOLO-seg, U²-Net or IS-Net, told apart by their layouts.
+    """Load an ONNX model that finds objects: Mask R-CNN, YOLO-seg, U²-Net or IS-Net, distinguished by their layouts.
 
     Raises:
         FileNotFoundError: if there is no such file.
-        ValueError: if it is no ONNX model, or its layout is of none of these; the sentence tells what was found.
+        ValueError: if it is not an ONNX model, or has another layout, which the message describes.
     """
     network = OnnxNetwork(path)
     for kind in (YoloSeg, MaskRCNN, SalientObject):

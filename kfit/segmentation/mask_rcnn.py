@@ -27,7 +27,7 @@ class MaskRCNN(Detector):
     Masks (N, 1, 28, 28), one patch a box, are the ONNX model zoo's: the photo goes in as BGR less its mean with a
     shorter side of 800, and labels count COCO's 80 classes from 1. Masks (N, 1, H, W) of the whole picture are
     torchvision's: RGB in [0, 1] with a longer side of at most 1333, and COCO's own labels from 1 to 90. Labels of other
-    classes are told by a dict ``names`` in the file's metadata.
+    classes are in a dict ``names`` in the file's metadata.
 
     Args:
         network: of that layout.
@@ -84,7 +84,7 @@ class MaskRCNN(Detector):
         if height is not None and width is not None:
             return Fitted.on((height, width), image, within(shape, (height, width)), margin=margin)
         if not self._patches:
-            # torchvision's export scales by itself, but its masks have the size of what it is given.
+            # torchvision's export scales its input, but its masks have the size of the input.
             size = within(shape, (LONG, LONG)) if max(shape) > LONG else shape
             return Fitted.on(size, image, size)
         scale = min(SHORT / min(shape), LONG / max(shape))
@@ -94,7 +94,7 @@ class MaskRCNN(Detector):
 
 
 def _parts(network: OnnxNetwork) -> dict[str, Socket] | None:
-    """The four outputs by what they are, told by their shapes and kinds; None if they are not these."""
+    """Identify the four outputs by their shapes and types; None if they are not these."""
     found: dict[str, Socket] = {}
     for output in network.outputs:
         rank, whole = len(output.shape), output.kind.startswith("int")

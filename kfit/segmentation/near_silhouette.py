@@ -13,7 +13,7 @@ from kfit.geometry import Crop
 from kfit.segmentation.largest_part import largest_part
 
 ITERATIONS = 2
-# Side of the picture in which the mask is looked for, and how much larger than the crop it is.
+# Side of the picture in which the mask is segmented, and its size relative to the crop.
 GRID, WIDER = 96, 1.3
 INVERSE = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
 # A mask of another area than this many times the silhouette's, either way, is of something else.

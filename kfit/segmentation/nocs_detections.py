@@ -17,7 +17,7 @@ NAMES = {category.nocs_id: name for name, category in CATEGORIES.items()}
 
 
 def nocs_detections(result: Mapping[str, Any], shape: tuple[int, int]) -> Detections:
-    """What a NOCS ``results_*.pkl`` says of one photo.
+    """Read the detections of a NOCS ``results_*.pkl`` for one photo.
 
     Args:
         result: already read: ``pred_bboxes`` (N, 4) top, left, bottom, right with the latter two exclusive,

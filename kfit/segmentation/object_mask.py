@@ -1,4 +1,4 @@
-"""The mask of the object in a box, as kfit finds it by itself."""
+"""The mask of the object in a box, by kfit's own networks."""
 
 from __future__ import annotations
 

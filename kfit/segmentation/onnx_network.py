@@ -1,4 +1,4 @@
-"""A network in an ONNX file that looks at one picture."""
+"""A network in an ONNX file that takes one picture."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Socket:
 
 
 class OnnxNetwork:
-    """A network in an ONNX file that looks at one RGB picture, run by ONNX Runtime on the CPU.
+    """A network in an ONNX file that takes one RGB picture, run by ONNX Runtime on the CPU.
 
     The file may come from a stranger: a picture may take 300 seconds, and all networks together 4 GB of memory.
 
@@ -124,7 +124,7 @@ class OnnxNetwork:
         """Outputs of these names, from a picture (h, w, 3) in the range that the network expects.
 
         Raises:
-            ValueError: if the network fails on it, or gives other axes than its file says.
+            ValueError: if the network fails on it, or returns other axes than its file declares.
         """
         source = self.inputs[0]
         axes_in_order = picture if self.channels_last else picture.transpose(2, 0, 1)
@@ -143,7 +143,7 @@ class OnnxNetwork:
             sides = zip(shape, np.shape(part), strict=False)
             if np.ndim(part) != len(shape) or any(side not in (None, came) for side, came in sides):
                 told = ", ".join("?" if side is None else str(side) for side in shape)
-                raise ValueError(f"{self.path} gave {name} of shape {np.shape(part)}, its file says ({told})")
+                raise ValueError(f"{self.path} gave {name} of shape {np.shape(part)}, its file declares ({told})")
             if np.size(part) > MOST_NUMBERS:
                 raise ValueError(
                     f"{self.path} gave {name} of shape {np.shape(part)}, more than {MOST_NUMBERS:,} numbers"
@@ -159,7 +159,9 @@ def _bound_memory() -> None:
     where = onnxruntime.OrtMemoryInfo(
         "Cpu", onnxruntime.OrtAllocatorType.ORT_ARENA_ALLOCATOR, 0, onnxruntime.OrtMemType.DEFAULT
     )
-    limits = onnxruntime.OrtArenaCfg({"max_mem": LARGEST_MEMORY, "arena_extend_strategy": 1})  # as much as is asked for
+    limits = onnxruntime.OrtArenaCfg(
+        {"max_mem": LARGEST_MEMORY, "arena_extend_strategy": 1}
+    )  # the requested number of bytes
     onnxruntime.create_and_register_allocator(where, limits)
 
 

@@ -1,4 +1,4 @@
-"""Sizes of a clip's frames as its packets tell them: OpenCV scales frames of another size to the first one's."""
+"""Frame sizes from a clip's packets: OpenCV scales frames of another size to the first one's."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Size = tuple[int, int]
 def size_change(path: Path) -> tuple[int, Size, Size] | None:
     """Find the first packet whose frame is not as large as the first one's.
 
-    Motion JPEG, VP8 and VP9 tell the size in their packets, which are read without being decoded; clips of other codecs
+    Motion JPEG, VP8 and VP9 have the size in their packets, which are read without decoding; clips of other codecs
     are not checked.
 
     Args:
@@ -60,7 +60,7 @@ def _vp9(packet: bytes) -> Size | None:
     bits = "".join(f"{byte:08b}" for byte in head)
     if len(head) < 12 or bits[:2] != "10" or bits[2] == "1" or bits[4:6] != "00" or head[1:4] != b"\x49\x83\x42":
         return None
-    at = 32 + (bits[3] == "1")  # profile 2 tells its bit depth
+    at = 32 + (bits[3] == "1")  # profile 2 has a bit depth
     if bits[at : at + 3] == "111":  # RGB, which these profiles do not have
         return None
     at += 4

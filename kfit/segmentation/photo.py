@@ -32,12 +32,12 @@ _EXIF_DIRECTORY, _TIFF_COLOURS, _YCBCR = 0x8769, 262, 6
 
 @dataclass(frozen=True)
 class Photo:
-    """A photo as it is to be looked at, turned upright.
+    """A photo, rotated upright.
 
     Attributes:
         image: (H, W, 3) float32, RGB in [0, 1].
         alpha: (H, W) float32 in [0, 1], where the file has such a channel.
-        intrinsics: (3, 3), where the EXIF tags tell the focal length.
+        intrinsics: (3, 3), if the EXIF tags have the focal length.
         camera_notes: sentences on what they rest on.
     """
 
@@ -82,7 +82,7 @@ def read_photo(path: str | Path) -> Photo:
 
 
 def mask_from_file(path: str | Path, shape: tuple[int, int], may_be_empty: bool = False) -> NDArray[np.float32]:
-    """Read a mask: object is what `binary_mask` says of the largest channel; in a coloured palette, all but entry 0.
+    """Read a mask: the object is `binary_mask` of the largest channel; in a coloured palette, all but entry 0.
 
     Args:
         shape: (H, W) of the photo that it belongs to.
@@ -153,7 +153,7 @@ def depth_from_file(path: str | Path, shape: tuple[int, int]) -> NDArray[np.floa
 def mask_from_alpha(alpha: NDArray[np.float32] | None) -> NDArray[np.float32] | None:
     """The alpha channel as a mask (H, W), or None where it does not set an object off.
 
-    It does if it has opaque pixels and transparent ones; an alpha channel that is full all over says nothing.
+    It does if it has opaque pixels and transparent ones; an alpha channel that is opaque everywhere selects nothing.
     """
     if alpha is None or not ((alpha > 0.9).any() and (alpha < 0.1).any()):
         return None

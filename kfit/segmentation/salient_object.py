@@ -84,7 +84,7 @@ class SalientObject(Segmenter):
         """How much each pixel of a picture (H, W, 3), RGB in [0, 1], stands out: (H, W) in [0, 1].
 
         Raises:
-            ValueError: if the network's output is no such mask.
+            ValueError: if the network's output is not such a mask.
         """
         is_u2net = max(self.sides) <= LARGEST_U2NET
         picture = resized(image, self.sides)

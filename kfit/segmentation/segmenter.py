@@ -1,4 +1,4 @@
-"""What says which pixels of a photo show the object: the contract of all segmenters."""
+"""The contract of segmenters, which find the pixels of an object in a photo."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Box = tuple[float, float, float, float]
-WHOLE_PICTURE = "no mask or box given: the object was taken to be what stands out in the whole picture"
+WHOLE_PICTURE = "no mask or box given: the salient object of the whole picture was used"
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Segmenter(ABC):
 
         Args:
             image: (H, W, 3), RGB in [0, 1].
-            category: what is looked for where no box tells the object; one of `kfit.geometry.CATEGORIES`.
+            category: of the object if no box selects it; one of `kfit.geometry.CATEGORIES`.
             box: left, top, width, height in pixels around the object, of whatever kind it is.
 
         Raises:

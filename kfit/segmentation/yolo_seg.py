@@ -90,7 +90,7 @@ def _outputs(network: OnnxNetwork) -> tuple[Socket, Socket] | None:
         return None
     if columns == 6 + extra:
         return found, prototypes
-    # YOLOv5 has the axes the other way round, and a score of its own for "object".
+    # YOLOv5 has the axes in reversed order, and a separate score for "object".
     if rows is None or rows < 5 + extra or (columns is not None and columns < rows):
         return None
     return found, prototypes

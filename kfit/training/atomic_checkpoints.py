@@ -1,4 +1,4 @@
-"""Checkpoints that are whole or not there, also where a disk fills up or a training is killed while one is written."""
+"""Atomic checkpoints, also if a disk fills up or a training is killed during writing."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from kfit.runtime.atomic_write import atomic_write
 
 
 class AtomicCheckpoints(TorchCheckpointIO):
-    """Writes each checkpoint beside its place and puts it there once it is on the disk.
+    """Writes each checkpoint to a temporary file, and moves it to its place once it is on disk.
 
     Lightning writes it to the folder of temporary files, and where that is on another disk copies it over the last one:
     what ends the copy leaves neither.
@@ -23,12 +23,12 @@ class AtomicCheckpoints(TorchCheckpointIO):
         """Write a checkpoint; one that goes to a store on the network as Lightning does.
 
         Raises:
-            OSError: naming the file, if there is no room; the checkpoint that was there stays.
+            OSError: naming the file, if the disk is full; the previous checkpoint is kept.
         """
         if "://" in str(path):
             super().save_checkpoint(checkpoint, path, storage_options)
             return
-        # From memory, as torch's own writer does not say what the system refused.
+        # From memory, because torch's writer does not report the system's error.
         written, place = BytesIO(), Path(path)
         torch.save(checkpoint, written)
         atomic_write(place.parent, {place.name: lambda aside: aside.write_bytes(written.getbuffer())})

@@ -57,7 +57,7 @@ def other_scene(rng: np.random.Generator) -> Scene:
 
 
 def empty_scene(rng: np.random.Generator) -> Scene:
-    """A box with no object of its own: a random part of a photo."""
+    """Return a box without an object: a random part of a photo."""
     size = rng.uniform(0.25, 0.95, 2) * SIDE
     corner = rng.uniform(0, 1, 2) * (SIDE - size)
     return Scene(_as_bytes(_background(rng)), np.array([*corner, *(corner + size)]))

@@ -34,7 +34,7 @@ def train(out: Path, num_objects: int = 250, penalty: float = 0.3, seed: int = 0
     Args:
         out: A .safetensors file.
         num_objects: Objects of each category; of other things and of empty boxes there are as many each.
-        penalty: Weight of the squared corrections of what ImageNet's classes tell.
+        penalty: Weight of the squared corrections of ImageNet's classes.
         seed: Decides the random numbers.
     """
     network, rng = ImageNetClassifier(), np.random.default_rng(seed)

@@ -22,7 +22,7 @@ from kfit.training.short_fit import fitted_rotations
 from kfit.training.training import Training
 from kfit.training.view_lens import view_lens
 
-TAKEN = {"extents", "kl", "l1", "loss", "mask_iou", "ssim"}  # in the log, beside the losses
+TAKEN = {"extents", "kl", "l1", "loss", "mask_iou", "ssim"}  # logged with the losses
 FIT_EVERY = 5  # views in test: a fit takes a second of a core, and an object has some ten views
 
 
@@ -34,7 +34,7 @@ class ConditionalVAE(Training):
     D_KL = mean_n Σ_d ½ (μ² + σ² − 1 − log σ²) in nats, summed over the code and averaged over the batch, where each
     energy averages over pixels and channels.
 
-    The paper's λ is 1e-2, for terms whose normalisation it does not tell. As they are normalised here, 1e-2 lets codes
+    The paper's λ is 1e-2, for terms of unknown normalisation. As they are normalised here, 1e-2 lets codes
     collapse, and 1e-4 is the default. The released code would weigh 10 · L1 + 0.01 · (KL averaged over the code), which
     is λ = 6e-5 here for a code of 16, but never adds the KL term.
 
@@ -137,7 +137,7 @@ class ConditionalVAE(Training):
         return loss
 
     def report(self, batch: dict[str, Tensor], stage: str) -> None:
-        """Log how well the encoder's look at one view draws another, and in test also how well poses are found.
+        """Log how well the encoder's code of one view draws another, and in test also the errors of poses.
 
         Logged are the losses, L1, SSIM and the IoU of masks, how far the extents are off, and in test what
         ``record_rotations`` logs of short fits to every fifth of the other views.
@@ -171,7 +171,7 @@ class ConditionalVAE(Training):
             self.record_rotations(fitted_rotations(self.generator, self.encoder, seen), truth, self.symmetry)
 
     def _thin(self, batch: dict[str, Tensor]) -> tuple[dict[str, Tensor], dict[str, Tensor]]:
-        """The batch with its targets' pixels thinned out, and what tells the generator to draw just these."""
+        """Return the batch with a subset of its targets' pixels, and the generator's arguments to draw them."""
         every = self.pixel_stride
         if every == 1:
             return batch, {}

@@ -44,7 +44,7 @@ COMMANDS = {
     "predict": "kfit predict -c recipes/fit_dataset.yaml --data.root NOCS --data.split real_test --model.out results",
 }
 """Examples by command."""
-# What Lightning and torch say to each other, of which nobody who trains has to know.
+# Internal messages of Lightning and torch.
 NEEDLESS = (r"`isinstance\(treespec, LeafSpec\)` is deprecated", r"Precision .* is not supported by the model summary")
 # Elsewhere than in training the state of training's callbacks is of no use; averaged weights are those that a
 # checkpoint holds.
@@ -71,13 +71,13 @@ class _CLI(LightningCLI):
         except (ArgumentError, TypeError) as error:
             command = " ".join(["kfit", *(word for word in args[:1] if word in COMMANDS)])
             told = sentence(str(error))
-            if told.startswith("Problems parsing config"):  # it does not say of which file
+            if told.startswith("Problems parsing config"):  # the message lacks the file
                 recipes = [name for option, name in pairwise(args) if option in ("-c", "--config")]
                 told = f"{', '.join(recipes)}: {told}"
-            raise ValueError(f"{told}; `{command} --help` tells more") from None
+            raise ValueError(f"{told}; `{command} --help` shows the usage") from None
 
     def instantiate_classes(self) -> None:
-        """Build the parts; of what one of them refuses, the sentence that it says."""
+        """Build the parts; errors become one sentence."""
         try:
             with no_exit():
                 super().instantiate_classes()
@@ -86,7 +86,7 @@ class _CLI(LightningCLI):
 
     def before_instantiate_classes(self) -> None:
         if self.subcommand == "predict":
-            self.save_config_callback = None  # it would write into the working folder; results tell their settings
+            self.save_config_callback = None  # it would write into the working folder; results have their settings
         # Not `link_arguments`: checkpoints leave out what it fills in, and could not be rebuilt.
         config = self.config.get(str(self.subcommand), self.config)
         category = CATEGORIES.get(str(config.get("data.init_args.category")))
@@ -122,27 +122,27 @@ class _CLI(LightningCLI):
 
 
 def main(args: Sequence[str] | None = None) -> None:
-    """Run Lightning's command line: fit, validate, test or predict, as a recipe says.
+    """Run Lightning's command line: fit, validate, test or predict, by a recipe.
 
-    Parts are named by import path (``class_path``), so a class in a file of the working folder serves as it is.
-    `kfit.runtime.console.ENDINGS` tells how it ends.
+    Parts are named by import path (``class_path``), so a class in a file of the working folder can be used.
+    `kfit.runtime.console.ENDINGS` lists its exit codes.
 
     Args:
-        args: words after the program's name; those of the process unless given.
+        args: arguments after the program's name; by default those of the process.
     """
     with session(args) as words:
         run(words)
 
 
 def run(words: Sequence[str], callbacks: Sequence[Callback] = ()) -> None:
-    """What Lightning's command line does with these words, and with callbacks beside the recipe's."""
+    """Run Lightning's command line with these arguments, and with callbacks in addition to the recipe's."""
     for before, word in zip(["", *words], words, strict=False):
         place = word.partition("=")[2] if word.startswith("--config=") else word
         if (before in ("-c", "--config") or place.endswith((".yaml", ".yml"))) and Path(place).is_file():
             check_recipe(place)
     see_working_folder()
     read_old_paths()
-    # It would be said of all words that are not the process's own to the letter.
+    # The warning appears for all arguments that differ from the process's.
     warnings.filterwarnings("ignore", message="LightningCLI's args parameter")
     for needless in NEEDLESS + (() if words[:1] == ["fit"] else NEEDLESS_ELSEWHERE):
         warnings.filterwarnings("ignore", message=needless)

@@ -19,7 +19,7 @@ class PhotometricAugmentation:
     blurred before it is cut out by m': e is the exposure, g the gains of the channels (both log-normal), b an even
     colour of the surroundings, n normal noise, and m' the mask blurred by 1 pixel and cut at a threshold that wanders
     over the picture about one half, so that parts of the surroundings are taken for the object and parts of the object
-    are lost. Half of the pictures stay as they are, for a generator's own views are clean.
+    are lost. Half of the pictures are unchanged, because a generator's views are clean.
 
     Args:
         exposure: standard deviation of ln e.

@@ -24,7 +24,7 @@ class PoseTraining(Training):
 
     L = mean_n KL(target_n ‖ prediction_n), see `kfit.generators.RotationHead.divergence`.
 
-    The head shares nothing with a generator, so it is trained by itself; `kfit pack` puts both into one model. Batches
+    The head shares nothing with a generator, so it is trained alone; `kfit pack` combines both in one model. Batches
     are those of `kfit.data.ViewsDataModule`; their sources and targets are both used.
 
     Args:
@@ -33,7 +33,7 @@ class PoseTraining(Training):
         rate: largest learning rate of AdamW; it rises over the first twentieth of the steps and falls as a cosine.
         weight_decay: of AdamW.
         recolor: augmentation of colours; None leaves them.
-        photograph: augmentation that makes views look like cut-outs of photos; None leaves them clean.
+        photograph: augmentation that makes views resemble crops of photos; None leaves them clean.
         mirror: flip half of the views, which changes azimuth α to π − α and roll ρ to −ρ. Objects of NOCS's categories
             look much the same in a mirror that holds their x and y axes, so this doubles the objects.
         compile: compile the head (`torch.compile`). Without a C++ compiler training goes on uncompiled.
@@ -90,7 +90,7 @@ class PoseTraining(Training):
         return loss
 
     def report(self, batch: dict[str, Tensor], stage: str) -> None:
-        """Log the loss, and how far the likeliest rotation is from the truth, for rolls over the whole circle."""
+        """Log the loss and the error of the likeliest rotation, for rolls over the full circle."""
         image, mask, azimuth, elevation = _views(batch)
         golden = math.pi * (3 - math.sqrt(5))  # the same rolls in each epoch
         roll = (golden * torch.arange(len(image), device=image.device, dtype=image.dtype)) % (2 * math.pi)

@@ -66,7 +66,7 @@ def occluded(
     height, width = mask.shape[-2:]
     weight = mask.flatten(1)
     total = weight.sum(1, keepdim=True)
-    # The pixel at which the sum of the mask, row by row, comes to an even share of the whole.
+    # The pixel at which the cumulative sum of the mask, row by row, reaches a uniformly random fraction.
     drawn = _even((len(mask), 1), mask, rng) * total
     centre = torch.searchsorted(weight.cumsum(1), drawn).clamp(max=height * width - 1)
     place = torch.arange(height * width, device=mask.device)

@@ -1,4 +1,4 @@
-"""A fit that is short enough to judge a generator by: the pose of views of which nothing is known."""
+"""A short fit that evaluates a generator: poses of views of which nothing is known."""
 
 from __future__ import annotations
 

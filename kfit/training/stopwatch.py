@@ -23,7 +23,7 @@ class Stopwatch(Callback):
 
     Attributes:
         seconds: of a step, the median.
-        waited: from a step's end to the next one's beginning, the median: for data, and for what else looks on.
+        waited: from a step's end to the next one's beginning, the median: for data and callbacks.
         pairs: views a step.
         operations: floating point operations of a step's convolutions and products, forwards and backwards.
         precision: of the trainer.

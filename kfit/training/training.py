@@ -1,4 +1,4 @@
-"""What kfit's trainings share: how they are saved, compiled, stepped and judged."""
+"""Base class of kfit's trainings: checkpoints, compilation, schedule and evaluation."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class Training(LightningModule):
 
     @abstractmethod
     def report(self, batch: dict[str, Tensor], stage: str) -> None:
-        """Log what held-out views say of the networks, under names that begin with the stage: val or test."""
+        """Log metrics on held-out views, under names that begin with the stage: val or test."""
 
     def validation_step(self, batch: dict[str, Tensor], batch_idx: int) -> None:
         self.report(batch, "val")
@@ -98,7 +98,7 @@ class Training(LightningModule):
         self.save_hyperparameters(ignore=left, frame=frame)
 
     def compile_networks(self, *networks: nn.Module) -> None:
-        """Compile them, or say why not."""
+        """Compile them, or log why not."""
         if not compile_networks(*networks):
             self.print("no C++ compiler found: training goes on uncompiled")
 

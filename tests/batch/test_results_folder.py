@@ -54,5 +54,5 @@ def test_results_of_other_settings_are_refused(tmp_path):
 
 def test_results_of_unknown_settings_are_refused(tmp_path):
     (tmp_path / "b.json").write_text("{}")
-    with pytest.raises(ValueError, match=r"holds results, but no fit.json tells how they were made"):
+    with pytest.raises(ValueError, match=r"holds results, but no fit.json with their settings"):
         ResultsFolder(tmp_path).left(NAMES, {})

@@ -218,7 +218,7 @@ def test_pictures_from_the_prior_are_as_many_as_asked_for():
         (["--categories", "[cup]"], "--categories: unknown cup; known are"),
         (["--train-steps", "100"], "--train-steps must be a multiple of 6, got 100"),
         (["--starts", "1"], "--starts must be at least 2, got 1"),
-        (["--recipes", "nowhere"], "no recipe at nowhere/vae3d.yaml; run this in kfit's checkout, or say --recipes"),
+        (["--recipes", "nowhere"], "no recipe at nowhere/vae3d.yaml; run this in kfit's checkout, or pass --recipes"),
     ],
 )
 def test_mistakes_get_a_sentence(words, said, capsys, tmp_path):

@@ -19,7 +19,7 @@ POINTS: dict[str, list[tuple[int, float, float | None]]] = {
 def test_sizes_are_compared_with_the_first() -> None:
     grown, processes = sections(POINTS, {1: 0.8, 2: 1.5}, {"objects": 2})
     assert grown.rows[1] == ["objects", "2", "1.00", "2.0 ×", "110"]
-    assert grown.rows[2] == ["steps", "4", "0.20", "1.0 ×", "not told"]
+    assert grown.rows[2] == ["steps", "4", "0.20", "1.0 ×", "unknown"]
     assert processes.rows[1] == ["2", "1.50", "1.88 ×"]
 
 

@@ -89,7 +89,7 @@ def test_ratios_are_medians_over_repeats() -> None:
         return {"0": measured}
 
     cost, quality = sections({"released": fits([40, 30, 20], 1600), "kfit": fits([1, 2, 1], 80)}, 1, {}, {})
-    assert cost.rows[1] == ["kfit", "1.00", "20.0 ×", "80", "20.0 ×", "not told", ""]
+    assert cost.rows[1] == ["kfit", "1.00", "20.0 ×", "80", "20.0 ×", "unknown", ""]
     assert quality.rows[1] == ["kfit", "3.0°", "100 %", "100 %", "100 %", "100 %", "1 (1)"]
 
 

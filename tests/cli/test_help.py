@@ -88,15 +88,15 @@ def test_every_command_shows_the_general_options(capsys):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ([*["pose", "--category", "mug"]], "pose.photo; `kfit pose --help` tells more"),
+        ([*["pose", "--category", "mug"]], "pose.photo; `kfit pose --help` shows the usage"),
         (["nonsense"], "invalid choice: 'nonsense'"),
-        ([*["bench", "accuracy", "--views", "many"]], "`kfit bench accuracy --help` tells more"),
-        ([*["bench", "nonsense"]], "`kfit bench --help` tells more"),
-        (["info", "--nonsense"], "unrecognized arguments: --nonsense; `kfit info --help` tells more"),
-        (["poes", "a.jpg"], "did you mean pose? `kfit --help` tells more"),
-        (["pose", "a.jpg", "--catgory", "mug"], "--catgory mug; did you mean --category? `kfit pose --help` tells"),
-        (["bench", "acuracy"], "did you mean accuracy? `kfit bench --help` tells more"),
-        (["fitt", "-c", "recipe.yaml"], "did you mean fit? `kfit --help` tells more"),
+        ([*["bench", "accuracy", "--views", "many"]], "`kfit bench accuracy --help` shows the usage"),
+        ([*["bench", "nonsense"]], "`kfit bench --help` shows the usage"),
+        (["info", "--nonsense"], "unrecognized arguments: --nonsense; `kfit info --help` shows the usage"),
+        (["poes", "a.jpg"], "did you mean pose? `kfit --help` shows the usage"),
+        (["pose", "a.jpg", "--catgory", "mug"], "--catgory mug; did you mean --category? `kfit pose --help` shows"),
+        (["bench", "acuracy"], "did you mean accuracy? `kfit bench --help` shows the usage"),
+        (["fitt", "-c", "recipe.yaml"], "did you mean fit? `kfit --help` shows the usage"),
     ],
 )
 def test_wrong_words_get_one_sentence_that_names_the_page(words, said, capsys):

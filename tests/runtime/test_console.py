@@ -112,7 +112,7 @@ def test_notes_go_to_stderr(command, capsys):
 
 def test_quiet_and_verbose_are_not_both_possible(capsys):
     assert ended(["info", "-qv"]) == 2
-    assert capsys.readouterr().err == "kfit: --quiet and --verbose were both given; say one of them\n"
+    assert capsys.readouterr().err == "kfit: --quiet and --verbose were both given; use one of them\n"
 
 
 def test_what_a_session_changes_is_as_before_after_it(command):

@@ -80,7 +80,7 @@ def test_frames_of_another_size_and_missing_masks_are_named(laptop, clip):
     masks = [mask > 0.5 for mask in clip.masks]
     with pytest.raises(ValueError, match="frame must be as large as the first"):
         list(track(laptop, [clip.frames[0], clip.frames[1][:100]], mask=masks[0], intrinsics=clip.intrinsics))
-    with pytest.raises(ValueError, match="fewer than frames"):
+    with pytest.raises(ValueError, match="one for each frame"):
         list(track(laptop, clip.frames[:2], masks=masks[:1], intrinsics=clip.intrinsics))
 
 

@@ -14,7 +14,7 @@ from kfit.data import ViewsDataModule
 from kfit.pose import CategoryModel
 from kfit.training.view_lens import view_lens
 
-# Objects of ten views each on which reconstruction is judged, of either kind, and views to which codes are fitted.
+# Objects of ten views each on which reconstruction is measured, of either kind, and views to which codes are fitted.
 L1_OBJECTS, L1_FITTED = 100, 50
 
 

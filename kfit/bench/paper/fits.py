@@ -61,7 +61,7 @@ class Found:
 
     Attributes:
         rotation_deg: (N,) errors by the category's symmetry; by the vertical axis alone where a handle is hidden.
-        translation_cm: (N,) errors; None of methods that tell no place.
+        translation_cm: (N,) errors; None for methods without translation.
         boxes: of the first views, rotation (3, 3) in OpenCV axes, translation (3,) and size (3,) in metres.
         drawing: (`SHOWN`, 3, S, S) of the first views, where something was drawn.
         results: of the fits, where there were any.
@@ -143,7 +143,7 @@ def by_head(head: PoseNetwork, views: HeldOutViews, category: str) -> Found:
 
 
 def by_regressor(regressor: OrientationRegressor, views: HeldOutViews, category: str) -> Found:
-    """What a regressor says."""
+    """Predictions of a regressor."""
     with torch.no_grad():
         return Found(errors(regressor(views.observation.image).double(), views, category))
 
@@ -169,7 +169,7 @@ def by_coordinates(network: CoordinateRegressor, views: HeldOutViews, category: 
 
 
 def errors(rotation: Tensor, views: HeldOutViews, category: str) -> Tensor:
-    """Rotation errors (N,) in degrees as NOCS judges: by the axis where the class, or a hidden handle, is symmetric."""
+    """Rotation errors (N,) in degrees as in NOCS: by the axis where the class, or a hidden handle, is symmetric."""
     full = rotation_error(rotation, views.rotation, CATEGORIES[category].symmetry)
     return torch.where(views.visible, full, rotation_error(rotation, views.rotation, "y")).rad2deg()
 

@@ -80,7 +80,7 @@ def page(units: Units, tables: list[str], categories: list[str], how: Measuring,
         "L1 is that of a view drawn by what the encoder saw in another one, over 1,000 views of held-out families and "
         "over as many of new objects of the families that training showed, as the paper's test objects are; then, over "
         "50 views of held-out families, that of the code which draws the view itself best. "
-        "Symmetric classes, and mugs whose handle is hidden, are judged by their axis. With one object a picture and "
+        "Symmetric classes, and mugs whose handle is hidden, are measured by their axis. With one object a picture and "
         f"no detector, AP at a threshold is the share of views below it; of {how.views} views one is "
         f"{100 / how.views:.1f} points, so differences of less than {100 / how.views**0.5:.0f} points say little. "
         f"Machine: {made['machine']['processor']}, {made['machine']['threads']} threads of {made['machine']['cores']} "

@@ -50,7 +50,7 @@ class Measuring:
         schedule: of fits.
         views: of as many unseen objects.
         seed: chooses them.
-        tell: told what is done, and how many views of how many.
+        tell: called with the current task, and the numbers of finished and all views.
     """
 
     training: Training

@@ -23,7 +23,7 @@ class Variant:
         title: what tables call it.
         recipe: file that trains it.
         settings: words after the recipe in which it differs.
-        networks: what `kfit.models.read_checkpoint` finds in its checkpoint; a generator's unless said.
+        networks: what `kfit.models.read_checkpoint` finds in its checkpoint; by default a generator's.
     """
 
     title: str
@@ -99,7 +99,7 @@ class Training:
         """
         recipe = self.recipes / VARIANTS[name].recipe
         if not recipe.is_file():
-            raise FileNotFoundError(f"no recipe at {recipe}; run this in kfit's checkout, or say --recipes DIR")
+            raise FileNotFoundError(f"no recipe at {recipe}; run this in kfit's checkout, or pass --recipes DIR")
         folder, begun = self.folder(name, category), self.checkpoint(name, category)
         if begun is not None and self._steps(begun) >= self.steps:
             return begun
