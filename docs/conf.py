@@ -30,6 +30,7 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",
     "sphinx.ext.napoleon",
+    "sphinx.ext.viewcode",
     "sphinx_copybutton",
     "command_help",
 ]
@@ -84,6 +85,7 @@ html_theme = "furo"
 html_title = f"kfit {__version__}"
 html_static_path = ["_static"]
 html_css_files = ["pages.css"]
+html_logo = html_favicon = "_static/logo.svg"
 copybutton_prompt_text = r"\$ "
 copybutton_prompt_is_regexp = True
 

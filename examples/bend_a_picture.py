@@ -27,7 +27,7 @@ bent = Template(photo, "flow", control=(12, 12), oversampling=4)(displacement=0.
 found = kfit.register(photo, bent.image, "flow", fixed_mask=bent.weight, control=(9, 9))
 
 truth = Template(photo, "flow", control=(12, 12)).places(displacement=0.06 * wave)
-inside = (bent.weight[0, 0] > 0.99) & (found.weight[0, 0] > 0.99)
+inside = (bent.field("weight")[0, 0] > 0.99) & (found.weight[0, 0] > 0.99)
 still = torch.stack(torch.meshgrid(torch.arange(96.0), torch.arange(96.0), indexing="xy"), -1)
 before = float((truth[0] - still).norm(dim=-1)[inside].mean())
 after = float((truth[0] - still - found.displacement[0].movedim(0, -1)).norm(dim=-1)[inside].mean())

@@ -11,9 +11,11 @@ import sys
 from pathlib import Path
 
 import torch
+from torch import Tensor
 
 import kfit
 from kfit.bench.held_out_views import views_of
+from kfit.core import Rendering
 from kfit.data import build
 from kfit.reports.picture_table import picture_table
 
@@ -25,14 +27,15 @@ pipeline = model.pipeline()
 found = pipeline(seen, seed=0).values
 
 
-def draw(**changes):
+def draw(**changes: Tensor) -> Rendering:
     """The mugs as they were found, but for what is changed."""
     return pipeline.generator(**{**found, **changes})
 
 
-def colour(drawn):
+def colour(drawn: Rendering) -> Tensor:
     """Mean colour (3, 3) of what each picture shows."""
-    return (drawn.image * drawn.mask).sum((2, 3)) / drawn.mask.sum((2, 3))
+    mask = drawn.field("mask")
+    return (drawn.image * mask).sum((2, 3)) / mask.sum((2, 3))
 
 
 fitted = draw()

@@ -35,19 +35,21 @@ rotation = SO3().to_value(torch.tensor([[0.85, 0.1, -0.05]]))
 truth = {"rotation": rotation, "translation": torch.tensor([[0.02, -0.01, 0.58]])}
 seen = generator(**truth, **{name: value[None] for name, value in cameras.items()})
 clutter = F.interpolate(torch.from_numpy(data.coffee()).permute(2, 0, 1).float()[None] / 255, (72, 96), mode="area")
-photos = seen.image * seen.mask + clutter * (1 - seen.mask)
-cut_out = photos * seen.mask + 1 - seen.mask
+mask = seen.field("mask")
+photos = seen.image * mask + clutter * (1 - mask)
+cut_out = photos * mask + 1 - mask
 away = rotation[0] @ SO3().to_value(torch.tensor([0.0, 40 / 180, 0.0]))
 fit = FitPipeline(
     generator,
     {"outline": Silhouette(), "color": L2()},
     weights={"color": 5.0},
-    initializers=[Constant({"rotation": away.tolist(), "translation": [0.02, 0.0, 0.62]}, spread={"rotation": 0.2})],
+    initializers=[Constant({"rotation": away.tolist(), "translation": [0.02, 0.0, 0.62]}, sigma={"rotation": 0.2})],
     optimizer=Adam({"rotation": 0.01, "translation": 0.004}, decay=0.96),
     callbacks=[Pruning({14: 6, 24: 2})],
-    **{"num_starts": 16, "num_steps": 45},
+    num_starts=16,
+    num_steps=45,
 )
-found = fit(Observation(cut_out, seen.mask, views=2, **cameras), seed=0).values
+found = fit(Observation(cut_out, mask, views=2, **cameras), seed=0).values
 degrees = torch.rad2deg(rotation_error(found["rotation"], rotation)).item()
 millimetres = 1000 * (found["translation"] - truth["translation"]).norm().item()
 print(f"rotation off by {degrees:.1f}°, position by {millimetres:.1f} mm")

@@ -35,7 +35,7 @@ pipeline = kfit.FitPipeline(
     weights={"color": 5.0, "prior": 0.001},
     initializers=[
         Constant({"code": 0.0}),
-        Constant({"azimuth": 0.0, "elevation": 0.5}, spread={"azimuth": 0.15, "elevation": 0.05}),
+        Constant({"azimuth": 0.0, "elevation": 0.5}, sigma={"azimuth": 0.15, "elevation": 0.05}),
     ],
     optimizer=TorchOptimizer(torch.optim.AdamW, RATES, Cosine(1.0, 0.05), num_steps=40),
     callbacks=[Pruning({6: 4, 12: 2})],

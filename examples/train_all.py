@@ -10,6 +10,7 @@ a GPU. Started again, it goes on where it was stopped. Two of them share two cor
 import os
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 from kfit.geometry import CATEGORIES
@@ -18,12 +19,12 @@ RECIPES = Path(__file__).parents[1] / "recipes"
 PARTS = {"generator": "radiance_field.yaml", "pose_head": "pose_head.yaml"}
 
 
-def kfit(*words):
+def kfit(*words: object) -> None:
     """Run a kfit command to its end."""
     subprocess.run([sys.executable, "-m", "kfit", *map(str, words)], check=True)
 
 
-def trained(part, category, folder, settings):
+def trained(part: str, category: str, folder: Path, settings: Sequence[str]) -> Path:
     """The last checkpoint of a part, trained to its end."""
     folder = folder / category / part
     begun = sorted(folder.glob("lightning_logs/version_*/checkpoints/last.ckpt"), key=os.path.getmtime)
@@ -33,7 +34,7 @@ def trained(part, category, folder, settings):
     return max(folder.glob("lightning_logs/version_*/checkpoints/last.ckpt"), key=os.path.getmtime)
 
 
-def main(folder, *words):
+def main(folder: str, *words: str) -> None:
     """Train and pack what is not packed yet."""
     split = next((i for i, word in enumerate(words) if word.startswith("--")), len(words))
     for category in words[:split] or CATEGORIES:

@@ -6,12 +6,14 @@ Writes FOLDER/train_denoiser.png, judged by scikit-image on another photo; FOLDE
 """
 
 import sys
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import torch
 from skimage import data, metrics
-from torch import nn
+from torch import Tensor, nn
 
+from kfit import Energy
 from kfit.energies import L1, SSIM, Perceptual
 from kfit.features import EfficientNetLite0
 from kfit.reports.picture_table import picture_table
@@ -25,7 +27,7 @@ photos = [data.coffee(), data.cat(), data.rocket(), data.astronaut()]
 patches = torch.cat([photo.unfold(1, 48, 24).unfold(2, 48, 24).flatten(1, 2).movedim(1, 0) for photo in known])
 
 
-def trained(loss):
+def trained(loss: Mapping[Energy, float]) -> Callable[[Tensor], Tensor]:
     """Takes the noise off a picture, by a network that draws it; the same start and patches whatever the loss."""
     torch.manual_seed(0)
     hidden = [layer for _ in range(2) for layer in (nn.Conv2d(16, 16, 3, padding=1), nn.ReLU())]
@@ -36,7 +38,8 @@ def trained(loss):
         truth = patches[torch.randint(len(patches), (6,))]
         noisy = truth + NOISE * torch.randn(truth.shape)
         optimizer.zero_grad()
-        sum(weight * energy(noisy - network(noisy), truth).mean() for energy, weight in loss.items()).backward()
+        parts = [weight * energy(noisy - network(noisy), truth).mean() for energy, weight in loss.items()]
+        torch.stack(parts).sum().backward()
         optimizer.step()
         rates.step()
     return lambda noisy: (noisy - network(noisy)).detach()

@@ -14,6 +14,8 @@ class Ellipse(Generator):
         softness: width of the edge, in half-widths.
     """
 
+    grid: Tensor
+
     def __init__(self, image_size: int = 64, softness: float = 0.05) -> None:
         super().__init__()
         self.variables = {
@@ -26,12 +28,12 @@ class Ellipse(Generator):
         self.softness = softness
         self.register_buffer("grid", torch.stack(torch.meshgrid(axis, -axis, indexing="xy"), -1))
 
-    def forward(self, **values: Tensor) -> Rendering:
-        away = self.grid - values["middle"][:, None, None]
-        cos, sin = (part[:, None, None] for part in (values["roll"].cos(), values["roll"].sin()))
+    def forward(self, middle: Tensor, radii: Tensor, roll: Tensor, greys: Tensor) -> Rendering:
+        away = self.grid - middle[:, None, None]
+        cos, sin = (part[:, None, None] for part in (roll.cos(), roll.sin()))
         along, across = cos * away[..., 0] + sin * away[..., 1], cos * away[..., 1] - sin * away[..., 0]
-        radii = values["radii"][:, :, None, None]
+        radii = radii[:, :, None, None]
         radius = torch.sqrt((along / radii[:, 0]) ** 2 + (across / radii[:, 1]) ** 2 + 1e-6)
         mask = torch.sigmoid((1 - radius) * radii.amin(1) / self.softness)[:, None]
-        ink, ground = values["greys"][:, :, None, None, None].unbind(1)
+        ink, ground = greys[:, :, None, None, None].unbind(1)
         return Rendering(image=(ground + mask * (ink - ground)).expand(-1, 3, -1, -1), mask=mask)

@@ -15,20 +15,21 @@ import torch
 from jsonargparse import ArgumentParser
 from skimage import data
 from skimage.transform import resize
+from torch import Tensor
 
 from kfit import FitPipeline
 from kfit.core import Observation
 from kfit.reports.picture_table import picture_table
 
 
-def fit(picture, *changes):
+def fit(picture: Tensor, *changes: str) -> tuple[Tensor, Tensor]:
     """Fit as the recipe says, but for what is changed in words, as one would on a command line."""
     parser = ArgumentParser()
     parser.add_class_arguments(FitPipeline, "fit")
     said = parser.parse_args([f"--fit={Path(__file__).with_name('recipe.yaml')}", *changes])
-    pipeline = parser.instantiate(said).fit
+    pipeline: FitPipeline = parser.instantiate(said).fit
     values = pipeline(Observation(picture), seed=0).values
-    return 32 * values["radii"].sort().values, pipeline.generator(**values).mask
+    return 32 * values["radii"].sort().values, pipeline.generator(**values).field("mask")
 
 
 # Four coins of scikit-image's photo, one problem each, and the same with white tags on their rims.

@@ -27,6 +27,7 @@ def painted(mask: NDArray[np.float32], points: Sequence[tuple[float, float]], ke
     line = np.array([[x * width, y * height] for x, y in points[:MOST_POINTS]]).clip(0, max(height, width))
     changed = np.ascontiguousarray(mask > 0.5, np.uint8)
     broad = max(1, round(BRUSH * max(height, width)))
+    line = np.concatenate((line[:1], line))  # so that a click is a line too
     cv2.polylines(changed, [line.round().astype(np.int32)], False, int(keep), broad)
     if not changed.any():
         raise ValueError("Nothing would be left of the object; the mask stays as it was.")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
 from pathlib import Path
@@ -31,19 +31,20 @@ class Session:
     """One visitor's picture, the mask on it, and a folder of what may be downloaded.
 
     Args:
-        folder: of its own, deleted by `close`.
+        folder: Folder that only this session uses; `close` deletes it.
+        models: Paths of models by the category that they serve, instead of a bundled one.
 
     Attributes:
         photo: the picture.
-        targets: what was found in it.
+        targets: objects that were found in it.
         target: the object to fit: found, drawn or selected by a mask.
-        category: that is likely, or was chosen last.
+        category: likely category, or the one chosen last.
         depth: (H, W) in metres, where it was handed in.
         busy: whether a fit of it waits or runs, so that it makes room for no other.
     """
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
+    def __init__(self, folder: Path, models: Mapping[str, str] | None = None) -> None:
+        self.folder, self.models = folder, models or {}
         self.photo: Photo | None = None
         self.target: FoundObject | None = None
         self.depth: NDArray[np.float32] | None = None
@@ -72,7 +73,7 @@ class Session:
         Raises:
             ValueError: if there is no photo.
         """
-        return self._seen().image
+        return self._photo_or_error().image
 
     def take(self, path: Path) -> None:
         """Read an uploaded photo, delete the file, and find the objects of kfit's categories.
@@ -93,7 +94,7 @@ class Session:
 
     def found(self) -> list[str]:
         """Names of what was found, each with its probability."""
-        return [f"{target.category} ({100 * target.score:.0f} %)" for target in self.targets]
+        return [target.words for target in self.targets]
 
     def choose(self, number: int) -> None:
         """Take what was found as number ``number``, from 0, for the object."""
@@ -115,7 +116,7 @@ class Session:
             ValueError: if it cannot be used or there is no photo yet; the previous state is kept.
         """
         try:
-            mask = checked(path, lambda file: mask_from_file(file, self._seen().image.shape[:2]))
+            mask = checked(path, lambda file: mask_from_file(file, self._photo_or_error().image.shape[:2]))
         finally:
             path.unlink(missing_ok=True)
         self._point(["--mask", path.name], mask=mask)
@@ -128,7 +129,7 @@ class Session:
         """
         try:
             check_size(path)
-            read = partial(depth_from_file, shape=self._seen().image.shape[:2])
+            read = partial(depth_from_file, shape=self._photo_or_error().image.shape[:2])
             # What lies in memory by a file's map would be gone with the file.
             self.depth = np.array(read(path) if path.suffix == ".npy" else checked(path, read))
         except (ValueError, OSError) as error:
@@ -146,7 +147,7 @@ class Session:
         Raises:
             ValueError: if the box holds no salient object, or there is no photo yet.
         """
-        height, width = self._seen().image.shape[:2]
+        height, width = self._photo_or_error().image.shape[:2]
         left, top, across, down = (
             round(part * whole) for part, whole in zip(box, (width, height, width, height), strict=True)
         )
@@ -160,7 +161,7 @@ class Session:
         Raises:
             ValueError: if there is no mask to change, or nothing would be left of it.
         """
-        self._seen()
+        self._photo_or_error()
         if self.target is None:
             raise ValueError("Draw a box around the object first; then its mask can be corrected.")
         mask = painted(self.target.segment.mask, points, keep)
@@ -171,13 +172,13 @@ class Session:
         """Fit the object as `command` does: one `Drawn` a step, at last the result.
 
         Args:
-            category: of the object.
+            category: category of the object.
             camera: fx, fy, cx and cy in pixels.
 
         Raises:
             ValueError: if picture, object or category is still to be given.
         """
-        photo, target = self._seen(), self.target
+        photo, target = self._photo_or_error(), self.target
         if target is None:
             raise ValueError("Draw a box around the object first, so that it is known what is to be fitted.")
         if category is None:
@@ -189,7 +190,7 @@ class Session:
         if camera is not None:
             fx, fy, cx, cy = camera
             intrinsics = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
-        return watched(_model(category), photo, target, intrinsics, self.depth)
+        return watched(_model(self.models.get(category, category)), photo, target, intrinsics, self.depth)
 
     def command(self, category: str, camera: Camera | None = None) -> str:
         """The line that does the same in a terminal, for one object or, where it is named by nothing, for all."""
@@ -202,9 +203,11 @@ class Session:
     def _arguments(self, category: str) -> tuple[dict[str, Any], list[str]]:
         """Return the selection for `find_targets`, and for `kfit pose`; empty for an object that was found."""
         named, target = ["--category", category], self.target
+        if category in self.models:
+            named = ["--model", self.models[category]]
         if self._pointed or target is None:
             return self._pointed, [*named, *self._words]
-        if category == target.category:
+        if category == target.category and category not in self.models:
             return {}, []
         if not self.targets:  # selected by the alpha channel
             return {}, named
@@ -216,7 +219,7 @@ class Session:
         Raises:
             ValueError: if the visit is over; the folder would be there for good.
         """
-        self._seen()
+        self._photo_or_error()
         depth = self._depth_name if self.depth is not None else None
         snippet = snippet_of(self._name, result.category, camera, depth)
         return write_downloads(self.folder, result, self.command(result.category, camera), snippet)
@@ -240,16 +243,16 @@ class Session:
 
     def _point(self, words: list[str], **pointed: Any) -> None:
         """Select the object of a mask or a box; ``words`` are the same for `kfit pose`."""
-        (target,) = find_targets(self._seen(), **pointed)
+        (target,) = find_targets(self._photo_or_error(), **pointed)
         self._pointed, self._words = pointed, words
         self._take_target(target)
 
-    def _seen(self) -> Photo:
+    def _photo_or_error(self) -> Photo:
         if self.photo is None:
             raise ValueError("There is no picture: choose one, also if you had, as pictures are not kept for long.")
         return self.photo
 
 
 @lru_cache
-def _model(category: str) -> CategoryModel:
-    return load(category)
+def _model(model: str) -> CategoryModel:
+    return load(model)

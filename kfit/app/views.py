@@ -93,22 +93,22 @@ def waiting(before: int) -> str:
     return f'<p class="kfit-busy" role="status">{others} before yours; it starts automatically …</p>'
 
 
-def converging(told: Sequence[Drawn], image: NDArray[np.float32]) -> str:
-    """The drawing in the photo, where it becomes what is seen, while a fit runs that has told so much."""
-    if not told:
+def converging(steps: Sequence[Drawn], image: NDArray[np.float32]) -> str:
+    """The drawing in the photo while a fit runs, after these steps."""
+    if not steps:
         return '<p class="kfit-busy" role="status">Loading the model …</p>'
-    now = told[-1]
+    now = steps[-1]
     share = now.step / max(1, now.num_steps)
     return (
         f'<p class="kfit-busy" role="status">Step {now.step} of {now.num_steps}: {now.num_starts} starts on their way, '
         f"the best at energy {now.energy:.3f}</p>"
         f'<div class="kfit-bar"><div style="width: {100 * share:.0f}%"></div></div>'
         f'<img class="kfit-overlay kfit-live" src="{_address(drawn_in(image, now), "JPEG")}" '
-        f'alt="The drawing of this step in the photo">{_curve(told)}'
+        f'alt="The drawing of this step in the photo">{_curve(steps)}'
     )
 
 
-def answered(result: PoseResult, told: Sequence[Drawn]) -> str:
+def answered(result: PoseResult, steps: Sequence[Drawn]) -> str:
     """The answer: the photo with outline, box and axes, words, notes, and how the fit went."""
     words = words_of(result)
     notes = "".join(f"<li>{escape(note[:1].upper() + note[1:])}.</li>" for note in result.notes)
@@ -121,8 +121,8 @@ def answered(result: PoseResult, told: Sequence[Drawn]) -> str:
         f"{escape(words.meaning)}</p>"
         f'<div class="kfit-bar"><div style="width: {100 * result.confidence:.0f}%"></div></div></div>'
         + (f'<ul class="kfit-notes">{notes}</ul>' if notes else "")
-        + _pair(told[-1].seen, result.drawing)
-        + _curve(told)
+        + _pair(steps[-1].observed, result.drawing)
+        + _curve(steps)
     )
 
 
@@ -139,24 +139,25 @@ def drawn_in(image: NDArray[np.float32], now: Drawn) -> NDArray[np.uint8]:
     return _bytes(opaque * drawing + (1 - opaque) * 0.6 * small)
 
 
-def _pair(seen: NDArray[np.float32], drawn: NDArray[np.float32]) -> str:
+def _pair(observed: NDArray[np.float32], drawn: NDArray[np.float32]) -> str:
     """Two small pictures (S, S, 3) in [0, 1]."""
-    both = (("seen", seen, "What is seen of the object"), ("drawn", drawn, "The drawing that is fitted to it"))
+    both = (("seen", observed, "What is seen of the object"), ("drawn", drawn, "The drawing that is fitted to it"))
     figures = "".join(
-        f'<figure><img src="{_address(_bytes(picture), "PNG")}" alt="{said}"><figcaption>{name}</figcaption></figure>'
-        for name, picture, said in both
+        f'<figure><img src="{_address(_bytes(picture), "PNG")}" alt="{caption}">'
+        f"<figcaption>{name}</figcaption></figure>"
+        for name, picture, caption in both
     )
     return f'<div class="kfit-pair">{figures}</div>'
 
 
-def _curve(told: Sequence[Drawn]) -> str:
+def _curve(steps: Sequence[Drawn]) -> str:
     """How the least energy fell."""
-    if len(told) < 2:
+    if len(steps) < 2:
         return ""
-    energies = [drawn.energy for drawn in told]
+    energies = [drawn.energy for drawn in steps]
     low, span = min(energies), max(max(energies) - min(energies), 1e-9)
     points = " ".join(
-        f"{300 * drawn.step / told[-1].num_steps:.1f},{44 - 40 * (drawn.energy - low) / span:.1f}" for drawn in told
+        f"{300 * drawn.step / steps[-1].num_steps:.1f},{44 - 40 * (drawn.energy - low) / span:.1f}" for drawn in steps
     )
     return (
         '<figure class="kfit-curve"><svg viewBox="0 0 300 48" preserveAspectRatio="none" role="img" '

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from kfit.core import Callback, FitState, Generator
-from kfit.fitting.pipeline import FitPipeline
 from kfit.geometry import Crop
 from kfit.models.find_poses import pose_of
 from kfit.pose import CategoryModel, PoseResult
@@ -33,7 +32,7 @@ class Drawn:
         energy: the least so far.
         drawing: (S, S, 3) in [0, 1], of the start that reached it.
         silhouette: (S, S) in [0, 1], where the drawing shows the object; None where the generator does not tell.
-        seen: (S, S, 3), the picture to explain.
+        observed: (S, S, 3), the picture to explain.
         crop: the square of the photo that it shows.
     """
 
@@ -43,7 +42,7 @@ class Drawn:
     energy: float
     drawing: NDArray[np.float32]
     silhouette: NDArray[np.float32] | None
-    seen: NDArray[np.float32]
+    observed: NDArray[np.float32]
     crop: Crop
 
 
@@ -55,8 +54,8 @@ class Watching(Callback):
     """Draws the best start at each step, for one problem.
 
     Args:
-        generator: of the fit.
-        observed: what is fitted.
+        generator: generator of the fit.
+        observed: object that is fitted.
         tell: called with each `Drawn`.
         left: once set, the fit breaks off at its next step.
     """
@@ -84,7 +83,7 @@ class Watching(Callback):
                     energy=float(state.best_energy[best]),
                     drawing=_picture(rendering.image),
                     silhouette=None if rendering.mask is None else rendering.mask[0, 0].float().cpu().numpy(),
-                    seen=_picture(self.observed.observation.field("image")),
+                    observed=_picture(self.observed.observation.field("image")),
                     crop=self.observed.crop,
                 )
             )
@@ -103,7 +102,7 @@ def watched(
     Whoever stops iterating ends the fit.
 
     Args:
-        model: of the object's category.
+        model: model of the object's category.
         photo: the photo.
         target: the object in it.
         intrinsics, depth: as `kfit.pose.CategoryModel.pose` takes them.
@@ -111,27 +110,24 @@ def watched(
     Raises:
         ValueError, FitError: as `kfit.pose.CategoryModel.pose`.
     """
-    told: SimpleQueue[Drawn | PoseResult | BaseException] = SimpleQueue()
+    events: SimpleQueue[Drawn | PoseResult | BaseException] = SimpleQueue()
     left = Event()
     given: dict[str, Any] = {"intrinsics": intrinsics, "depth": depth}
-    observed = ObservedObject.of(photo, model.card.category, model.image_size, segmenter=target, **given)
-
-    def pipeline(model: CategoryModel) -> FitPipeline:
-        made = model.pipeline(depth=depth is not None, lens_known=observed.lens_known)
-        made.callbacks.append(Watching(made.generator, observed, told.put, left))  # type: ignore[arg-type]
-        return made
+    observed = ObservedObject.of(photo, model.card.known, model.image_size, segmenter=target, **given)
+    pipeline = model.pipeline(depth=depth is not None, lens_known=observed.lens_known)
+    watching = Watching(pipeline.generator, observed, events.put, left)
 
     def fit() -> None:
         try:
-            told.put(pose_of(model, photo, target, pipeline=pipeline, **given))
+            events.put(pose_of(model, photo, target, pipeline=pipeline, callbacks=[watching], **given))
         except BaseException as error:  # any error is passed to the waiting thread
-            told.put(error)
+            events.put(error)
 
     thread = Thread(target=fit, daemon=True)
     thread.start()
     try:
         while True:
-            news = told.get()
+            news = events.get()
             if isinstance(news, BaseException):
                 raise news
             yield news

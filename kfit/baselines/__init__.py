@@ -1,4 +1,4 @@
-"""Methods that kfit is compared with: a regressor of rotations, and one of object coordinates with what follows it."""
+"""Baselines: a regressor of rotations, and one of object coordinates with its pose estimation."""
 
 from kfit.baselines.coordinate_pose import pose_of_coordinates
 from kfit.baselines.coordinate_regressor import CoordinateRegressor

@@ -28,8 +28,8 @@ def pose_of_coordinates(
 
     RANSAC over similarities D R x + t from coordinates to the depth's points (Wang et al. 2019, section 5), then
     point-to-plane ICP of the posed coordinates on the depth's points (OpenCV's), which changes R and t alone. ICP is
-    kept only where it lowers the mean distance of the points to the nearest plane and no fewer points lie where their
-    coordinates put them; without the latter it did harm more often than good.
+    kept only if it lowers the mean distance of the points to the nearest plane and at least as many points agree with
+    their coordinates; without the latter it was worse more often than better.
 
     Args:
         coordinates: (3, S, S) in box diagonals, see `CoordinateRegressor`.
@@ -44,7 +44,7 @@ def pose_of_coordinates(
         metres.
 
     Raises:
-        ValueError: where fewer than 16 pixels of the object have depth, or no similarity explains a tenth of them.
+        ValueError: if fewer than 16 pixels of the object have depth, or no similarity explains 0.1 of them.
     """
     check_shape("coordinates", coordinates, (3, "S", "S"))
     for name, value in {"mask": mask, "depth": depth}.items():
@@ -54,20 +54,20 @@ def pose_of_coordinates(
     known = (mask > 0.5).cpu().numpy() & np.isfinite(points).all(-1)
     if known.sum() < LEAST_POINTS:
         raise ValueError(f"depth: {known.sum()} pixels of the object have it, and at least {LEAST_POINTS} are needed")
-    told = coordinates.detach().cpu().double().movedim(0, -1).numpy()
-    size = float(points[known].std(0).sum() / max(told[known].std(0).sum(), 1e-9))
-    matrix = align(told[known], points[known], tolerance=TOLERANCE * size)
+    predicted = coordinates.detach().cpu().double().movedim(0, -1).numpy()
+    size = float(points[known].std(0).sum() / max(predicted[known].std(0).sum(), 1e-9))
+    matrix = align(predicted[known], points[known], tolerance=TOLERANCE * size)
     diagonal = float(np.cbrt(np.linalg.det(matrix[:3, :3])))
     pose = matrix.copy()
     pose[:3, :3] /= diagonal
     if refine:
-        posed = diagonal * told @ pose[:3, :3].T + pose[:3, 3]
+        posed = diagonal * predicted @ pose[:3, :3].T + pose[:3, 3]
         pose = _refined(posed, points, known, NEAR * size) @ pose
     return torch.from_numpy(pose[:3, :3].copy()), torch.from_numpy(pose[:3, 3].copy()), diagonal
 
 
 def _points(depth: Tensor, intrinsics: Tensor) -> NDArray[np.float64]:
-    """Camera points (S, S, 3) of depth along the middle's ray, NaN where it is unknown."""
+    """Return camera points (S, S, 3) of depth along the middle's ray, NaN where unknown."""
     camera = intrinsics.detach().cpu().double()
     v, u = torch.meshgrid(*(torch.arange(size, dtype=torch.float64) for size in depth.shape), indexing="ij")
     rays = torch.linalg.solve(camera, torch.stack([u, v, torch.ones_like(u)]).flatten(1)).T
@@ -79,7 +79,7 @@ def _points(depth: Tensor, intrinsics: Tensor) -> NDArray[np.float64]:
 
 
 def _normals(points: NDArray[np.float64], known: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Unit normals (S, S, 3) of the surface through neighbouring pixels, NaN where one is missing."""
+    """Return unit normals (S, S, 3) of the surface through neighbouring pixels, NaN where one is missing."""
     there = np.where(known[..., None], points, np.nan)
     across, down = (np.gradient(there, axis=axis) for axis in (1, 0))
     normal = np.cross(across, down)
@@ -90,7 +90,7 @@ def _normals(points: NDArray[np.float64], known: NDArray[np.bool_]) -> NDArray[n
 def _refined(
     posed: NDArray[np.float64], points: NDArray[np.float64], known: NDArray[np.bool_], far: float
 ) -> NDArray[np.float64]:
-    """Rigid (4, 4) that brings the posed coordinates onto the depth's points; the identity where none does it better.
+    """Return the rigid motion (4, 4) of the posed coordinates to the depth's points; the identity if none is better.
 
     Pairs further apart than ``far`` count as far.
     """
@@ -118,7 +118,7 @@ def _refined(
         return int((np.linalg.norm(there - points[known], axis=1) < far).sum())
 
     stay = np.eye(4)
-    # Half a surface slides along itself to where it is closer and wrong: what its coordinates say must still hold.
+    # A partial surface can slide along itself to a closer but wrong place, so its coordinates must still agree.
     better = residual(moved) < residual(stay) and agree(moved) >= agree(stay)
     chosen: NDArray[np.float64] = moved if better else stay
     return chosen

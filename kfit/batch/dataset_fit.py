@@ -7,6 +7,7 @@ import logging
 import warnings
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +18,10 @@ from torch import nn
 from kfit.batch.fit_data import FitData, ImageToFit, ObjectCropper, Unreadable
 from kfit.batch.results_folder import ResultsFolder
 from kfit.core import FitError, Observation
-from kfit.core.check import check_choice, check_count, check_dict, check_names, check_text
-from kfit.geometry import CATEGORIES
-from kfit.models.files import read_card
+from kfit.core.check import check_choice, check_count, check_dict, check_text
 from kfit.models.load import BUNDLED, bundled, load
 from kfit.pose.category_model import CategoryModel
+from kfit.pose.model_files import read_card
 from kfit.pose.observed_object import ObservedObject
 from kfit.pose.result import PoseResult
 from kfit.runtime.devices import cores, one_thread
@@ -101,11 +101,13 @@ class DatasetFit(LightningModule):
             raise agreed if self.trainer.is_global_zero and agreed is not None else SystemExit(0)
         if not self.trainer.is_global_zero:
             self._load(data)
-        data.left = agreed
-        data.cropper = ObjectCropper({name: model.image_size for name, model in self.models.items()}, self.depth)
+        cropper = ObjectCropper(
+            {name: (model.card.known, model.image_size) for name, model in self.models.items()}, self.depth
+        )
         # A GPU fits faster than one process reads, so reading is done in the background.
         shared = max(1, cores() // self.trainer.world_size - 1)
-        data.num_workers = 0 if self.trainer.strategy.root_device.type == "cpu" else min(READERS, shared)
+        on_cpu = self.trainer.strategy.root_device.type == "cpu"
+        data.plan(agreed, cropper, 0 if on_cpu else min(READERS, shared))
 
     def on_predict_start(self) -> None:
         """Move the models to where they are to compute."""
@@ -130,8 +132,8 @@ class DatasetFit(LightningModule):
         answers: dict[tuple[str, int], PoseResult | str] = {}
         for category in sorted({image.objects[number].category for image, number in things}):
             group = [(image, number) for image, number in things if image.objects[number].category == category]
-            said = self._fit(category, group)
-            answers |= {(image.name, number): one for (image, number), one in zip(group, said, strict=True)}
+            found = self._fit(category, group)
+            answers |= {(image.name, number): one for (image, number), one in zip(group, found, strict=True)}
         for image in images:
             self._keep(data, image, [answers[image.name, number] for number in range(len(image.objects))])
         return sum(isinstance(answer, PoseResult) for answer in answers.values())
@@ -154,7 +156,6 @@ class DatasetFit(LightningModule):
             process.wait()
 
     def _load(self, data: FitData) -> None:
-        check_names("models", self.files, CATEGORIES)
         for category in data.categories:
             if category not in self.files:
                 continue
@@ -175,15 +176,15 @@ class DatasetFit(LightningModule):
 
     @property
     def _settings(self) -> dict[str, Any]:
-        said = {name: getattr(self, name) for name in ("num_starts", "num_steps", "depth", "seed")}
-        said["precision"] = str(self.trainer.precision)
-        return said | {f"model of {name}": _digest(self.files[name]) for name in sorted(self.models)}
+        settings = {name: getattr(self, name) for name in ("num_starts", "num_steps", "depth", "seed")}
+        settings["precision"] = str(self.trainer.precision)
+        return settings | {f"model of {name}": _digest(self.files[name]) for name in sorted(self.models)}
 
     def _fit(self, category: str, things: Sequence[tuple[ImageToFit, int]]) -> list[PoseResult | str]:
         """Answers for objects of one category, or sentences."""
         if category not in self.models:
             self.modelless[category] += len(things)
-        there = [(image.seen[number], image.objects[number].key) for image, number in things]
+        there = [(image.observed[number], image.objects[number].key) for image, number in things]
         answers: dict[int, PoseResult | str] = {n: one for n, (one, _) in enumerate(there) if isinstance(one, str)}
         for lens_known in (True, False):
             fine = {
@@ -192,26 +193,22 @@ class DatasetFit(LightningModule):
                 if isinstance(one, ObservedObject) and one.lens_known == lens_known
             }
             if fine:
-                seen, keys = zip(*fine.values(), strict=True)
-                answers |= zip(fine, self._answers(category, lens_known, seen, keys), strict=True)
+                observed, keys = zip(*fine.values(), strict=True)
+                answers |= zip(fine, self._answers(category, lens_known, observed, keys), strict=True)
         return [answers[n] for n in range(len(there))]
 
     def _answers(
-        self, category: str, lens_known: bool, seen: Sequence[ObservedObject], keys: tuple[int, ...]
+        self, category: str, lens_known: bool, observed: Sequence[ObservedObject], keys: tuple[int, ...]
     ) -> list[PoseResult | str]:
-        names = [
-            name for name in ("image", "mask", "depth", "intrinsics") if getattr(seen[0].observation, name) is not None
-        ]
-        fields: dict[str, Any] = {
-            name: torch.cat([one.observation.field(name) for one in seen]).to(self.device) for name in names
-        }
+        observation = replace(Observation.cat([one.observation for one in observed]), keys=keys)
+        observation = self.models[category].read(observation.map(lambda tensor: tensor.to(self.device)))
         with one_thread():  # so that results do not depend on how many processes share the cores
             try:
-                fit = self._pipeline(category, lens_known)(Observation(**fields, keys=keys), seed=self.seed)
+                fit = self._pipeline(category, lens_known)(observation, seed=self.seed)
             except FitError as error:
-                return [str(error)] * len(seen)
+                return [str(error)] * len(observed)
             failed = "every start of the fit became NaN or infinite"
-            return [answer or failed for answer in self.models[category].answers(fit, seen)]
+            return [answer or failed for answer in self.models[category].answers(fit, observed, observation)]
 
     def _pipeline(self, category: str, lens_known: bool) -> nn.Module:
         """The fit of objects of a category, built when first needed."""

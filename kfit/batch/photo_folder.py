@@ -26,7 +26,7 @@ class PhotoFolder(FitData):
 
     Args:
         root: folder of the photos.
-        category: of the objects.
+        category: category of the objects.
         batch_size: photos that are fitted at once in a process. More suit a GPU and gain
             nothing on a CPU; they change the rounding, which a fit may carry to a degree.
     """
@@ -53,7 +53,7 @@ class PhotoFolder(FitData):
         file = self.root / f"{stem}_mask.png"
         mask = mask_from_file(file, shape) if file.exists() else None
         if mask is None and mask_from_alpha(photo.alpha) is None:
-            raise ValueError(f"nothing tells the object: neither {file} nor an alpha channel of the photo")
+            raise ValueError(f"no mask of the object: neither {file} nor an alpha channel of the photo")
         depths = [path for path in (self.root / f"{stem}_depth{end}" for end in (".png", ".npy")) if path.exists()]
         depth = depth_from_file(depths[0], shape) if depths else None
         return ImageToFit(name, photo, [ObjectToFit(self.category, mask)], depth=depth)

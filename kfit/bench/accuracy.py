@@ -30,7 +30,7 @@ def parser() -> ArgumentParser:
         "rotation errors and the shares under 5°, 10°, 30° and 60°. Symmetric classes, and mugs whose handle is hidden "
         "(less than 2 % of the mask), are measured by their axis, as NOCS does; mugs also on the views that show it.",
         epilog="examples:\n  kfit bench accuracy --categories '[mug]' --views 20\n"
-        "  kfit bench accuracy --meshes '[scans,bottle=scans/shampoo@-y]' --nocs nocs --out accuracy",
+        "  kfit bench accuracy --meshes '[scans@z,bottle=scans/shampoo@-y]' --nocs nocs --out accuracy",
     )
     add_sources(parser, 100)
     fit = parser.add_argument_group("fits")
@@ -59,26 +59,26 @@ def add_sources(parser: ArgumentParser, views: int) -> None:
     models.add_argument(
         "--model", type=str, default=None, metavar="FILE.safetensors", help="a model of your own, instead"
     )
-    seen = parser.add_argument_group("what they are measured on")
-    seen.add_argument("--views", type=int, default=views, help="procedural objects a category, a view each; 0: none")
-    seen.add_argument(
+    group = parser.add_argument_group("what they are measured on")
+    group.add_argument("--views", type=int, default=views, help="procedural objects a category, a view each; 0: none")
+    group.add_argument(
         "--views-of",
         type=Literal["upright", "table", "any"],
         default="upright",
         help="how objects and scans are seen: upright in the middle of the picture, hand-held before a table (off the "
         "middle, rolled, 0.4 to 1.2 m away, known intrinsics), or from anywhere (all rotations)",
     )
-    seen.add_argument(
+    group.add_argument(
         "--meshes",
-        type=list[str],
+        type=list[str] | str,
         default=[],
         metavar="[PLACE,…]",
-        help="scans: folders whose names tell the category as a word (025_mug), or CATEGORY=FOLDER; z is up, or what "
-        "stands behind (FOLDER@y, @-y, …); handle, lens and screen point to +x",
+        help="meshes: folders whose names tell the category as a word (025_mug), or CATEGORY=FOLDER; y is up and the "
+        "front (handle, lens, screen) at +x, or what stands behind: FOLDER@UP or FOLDER@UP,FRONT (@z, @y,-z, …)",
     )
-    seen.add_argument("--scan-views", type=int, default=50, help="views of each scan")
-    seen.add_argument("--nocs", type=str, default=None, metavar="FOLDER", help="frames in the folders of NOCS's data")
-    seen.add_argument("--seed", type=int, default=0, help="chooses the objects, poses and lights of the views")
+    group.add_argument("--scan-views", type=int, default=50, help="views of each scan")
+    group.add_argument("--nocs", type=str, default=None, metavar="FOLDER", help="frames in the folders of NOCS's data")
+    group.add_argument("--seed", type=int, default=0, help="chooses the objects, poses and lights of the views")
 
 
 def models_of(args: Namespace) -> dict[str, CategoryModel]:
@@ -134,11 +134,11 @@ def run(args: Namespace) -> None:
         write_card(models, args, procedural, scans, objects)
     if args.out:
         how = circumstances(command("accuracy", args, parser().get_defaults()), _schedule(args))
-        told = {"procedural": procedural, "scans": scans, "objects": objects}
+        results = {"procedural": procedural, "scans": scans, "objects": objects}
         means = {
             f"mean of {what}": mean_of(found) for what, found in (("procedural", procedural), ("scans", scans)) if found
         }
-        texts = {"README.md": page(sections, how, sorted(fits.sheets)), "accuracy.json": _json(how | told | means)}
+        texts = {"README.md": page(sections, how, sorted(fits.sheets)), "accuracy.json": _json(how | results | means)}
         writers: dict[str, Callable[[Path], object]] = {
             **{name: partial(write_text, text=text) for name, text in texts.items()},
             **{name: partial(_write_picture, picture=picture) for name, picture in fits.sheets.items()},
@@ -182,7 +182,7 @@ def _schedule(args: Namespace) -> dict[str, Any]:
     }
 
 
-def _json(told: Any) -> str:
+def _json(results: Any) -> str:
     """Strict JSON, in which what is not a number is null."""
 
     def clean(part: Any) -> Any:
@@ -192,7 +192,7 @@ def _json(told: Any) -> str:
             return [clean(value) for value in part]
         return None if isinstance(part, float) and not math.isfinite(part) else part
 
-    return json.dumps(clean(told), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    return json.dumps(clean(results), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def write_text(path: Path, text: str) -> None:

@@ -54,13 +54,13 @@ def views_section(heading: str, figures: Mapping[str, Mapping[str, Any]]) -> Sec
         shown = found.get("views that show the handle")
         if shown:
             rows.append(_row(f"{name}, handle shown", shown, {}))
-        told = [
+        called = [
             f"{100 * group['called ambiguous']:.0f} % of {group['number']} {which}"
             for which, group in found["called ambiguous"].items()
         ]
         notes.append(
-            f"{name}: {', '.join(told) or 'none'} are called ambiguous; {found['pictures a view']:.0f} pictures drawn "
-            f"and {found['seconds a view']:.2f} s a view."
+            f"{name}: {', '.join(called) or 'none'} are called ambiguous; {found['pictures a view']:.0f} pictures "
+            f"drawn and {found['seconds a view']:.2f} s a view."
         )
     if len(figures) > 1:
         rows.append(_row("mean", mean_of(figures), {}))

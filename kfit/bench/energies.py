@@ -73,8 +73,8 @@ def mixes(vgg16: str | None) -> dict[str, Callable[[CategoryModel], Mix]]:
 
     def encoder(model: CategoryModel) -> Mix:
         reduced = [name for name, _ in model.encoder.named_modules() if name.startswith("reduce.")]
-        seen = Activations(model.encoder, reduced, mean=(0.0, 0.0, 0.0), std=(1.0, 1.0, 1.0))
-        return {"encoder": (Perceptual(seen), 0.75)}
+        activations = Activations(model.encoder, reduced, mean=(0.0, 0.0, 0.0), std=(1.0, 1.0, 1.0))
+        return {"encoder": (Perceptual(activations), 0.75)}
 
     def vgg(model: CategoryModel) -> Mix:
         return {"perceptual": (Perceptual(VGG16(weights=vgg16), normalize=True), 0.65)}
@@ -120,8 +120,8 @@ def run(args: Namespace) -> None:
             if name not in found:
                 found[name] = _measured(args, models, bar, make, views)
             if args.out:
-                told = {"asked": asked, "found": found}
-                atomic_write(Path(args.out), {FILE: partial(write_text, text=json.dumps(told, indent=2) + "\n")})
+                saved = {"asked": asked, "found": found}
+                atomic_write(Path(args.out), {FILE: partial(write_text, text=json.dumps(saved, indent=2) + "\n")})
     table = section({name: found[name] for name in compared})
     table_console(140).print(table.table())
     if args.out:
@@ -155,8 +155,8 @@ def _measured_before(out: str | None, asked: Mapping[str, Any]) -> dict[str, Any
     path = Path(out or "") / FILE
     if out is None or not path.is_file():
         return {}
-    told = json.loads(path.read_text(encoding="utf-8"))
-    return told["found"] if told["asked"] == json.loads(json.dumps(asked)) else {}
+    saved = json.loads(path.read_text(encoding="utf-8"))
+    return saved["found"] if saved["asked"] == json.loads(json.dumps(asked)) else {}
 
 
 def section(found: Mapping[str, Mapping[str, Any]]) -> Section:

@@ -64,8 +64,8 @@ def energy_at(pipeline: FitPipeline, observation: Observation, result: FitResult
     """Energies (B,) that a pipeline gives to the winners of another fit of the same variables, which it ranks by."""
     names = set(pipeline.generator.variables)
     look = FitPipeline(
-        pipeline.generator,  # type: ignore[arg-type]
-        dict(pipeline.energies.items()),  # type: ignore[arg-type]
+        pipeline.generator,
+        pipeline.terms,
         [Previous(result, on=[name for name in result.values if name in names])],
         pipeline.optimizer,
         weights=pipeline.weights,

@@ -38,10 +38,10 @@ def resized(model: CategoryModel, code_dim: int, image_size: int) -> RadianceFie
     Raises:
         ValueError: for a model with another generator.
     """
-    said = model.card.networks["generator"]
+    described = model.card.networks["generator"]
     if not isinstance(model.generator, RadianceField):
-        raise ValueError(f"scaling is measured with a RadianceField, got {said['class_path']}")
-    sized = {**said.get("init_args", {}), "code_dim": code_dim, "image_size": image_size}
+        raise ValueError(f"scaling is measured with a RadianceField, got {described['class_path']}")
+    sized = {**described.get("init_args", {}), "code_dim": code_dim, "image_size": image_size}
     made, trained = RadianceField(**sized), model.generator.state_dict()
     own = made.state_dict()
     for name, tensor in own.items():
@@ -60,13 +60,14 @@ def cost_of(model: CategoryModel, sizes: Mapping[str, int]) -> Cost:
     """What one fit costs, once it is warm.
 
     Args:
-        model: of a `RadianceField`.
+        model: model with a `RadianceField`.
         sizes: by the names of `AXES`.
     """
     side = sizes["picture size"]
-    seen = held_out_views(model, sizes["objects"]).observation
+    observation = held_out_views(model, sizes["objects"]).observation
     pictures, masks = (
-        torch.nn.functional.interpolate(seen.field(name), (side, side), mode="area") for name in ("image", "mask")
+        torch.nn.functional.interpolate(observation.field(name), (side, side), mode="area")
+        for name in ("image", "mask")
     )
     parts: dict[str, Energy | Prior] = {name: energy for name, (energy, _) in default_energies().items()}
     code = torch.zeros(sizes["code size"])
@@ -99,10 +100,10 @@ def _work(category: str, number: int, fits: int, barrier: Any, done: Any) -> Non
     torch.set_num_threads(1)
     model = load(category)
     pipeline = model.pipeline()
-    seen = held_out_views(model, 1, seed=number).observation
-    pipeline(seen, seed=0)
+    observation = held_out_views(model, 1, seed=number).observation
+    pipeline(observation, seed=0)
     barrier.wait()
     begun = time.perf_counter()
     for _ in range(fits):
-        pipeline(seen, seed=0)
+        pipeline(observation, seed=0)
     done.put(time.perf_counter() - begun)

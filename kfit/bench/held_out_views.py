@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -29,7 +29,6 @@ from kfit.pose.result import PoseResult
 HANDLE_SHARE = 0.02
 # A rotation error under which an answer is right where it is asked whether kfit knows that it is.
 RIGHT_DEG = 20.0
-FIELDS = ("image", "mask", "depth", "intrinsics")
 
 
 @dataclass(frozen=True)
@@ -73,10 +72,10 @@ def held_out_views(
     """
     check_count("held_out_views: num_views", num_views)
     check_count("held_out_views: seed", seed, 0)
-    check_count("held_out_views: photo_size", photo_size, 8, 4096)
+    check_count("held_out_views: photo_size", photo_size, 8)
     # Far from the seeds that training and its validation count up from 0.
     first = 0 if training else 1_000_000 + 1_000 * seed
-    objects = (build(model.card.category, first + number, held_out=not training) for number in range(num_views))
+    objects = (build(model.card.known, first + number, held_out=not training) for number in range(num_views))
     return views_of(model, objects, seed, photo_size, on_view, kind, corruption)
 
 
@@ -124,11 +123,12 @@ def views_of(
         photos.append(view.image)
         masks.append(view.mask)
         on_view(number + 1)
-    fields: dict[str, Any] = {name: torch.cat([piece.field(name) for piece in pieces]) for name in FIELDS}
-    seen = Observation(**fields, keys=tuple(range(len(pieces))))
+    observation = replace(Observation.cat(pieces), keys=tuple(range(len(pieces))))
     rotation = torch.stack([camera.rotation for camera in cameras])
     intrinsics = torch.stack([torch.from_numpy(camera.intrinsics) for camera in cameras])
-    return HeldOutViews(seen, rotation, torch.tensor(visible), torch.stack(places), crops, intrinsics, photos, masks)
+    return HeldOutViews(
+        observation, rotation, torch.tensor(visible), torch.stack(places), crops, intrinsics, photos, masks
+    )
 
 
 def handle_share(view: View, extents: NDArray[np.float32]) -> float:
@@ -154,7 +154,7 @@ def rotation_errors(
     Symmetric classes, and mugs whose handle is hidden, are measured by their axis.
 
     Args:
-        model: what is measured.
+        model: model to measure.
         views: with their true poses.
         pipeline: by default the model's.
         batch_size: problems a fit; memory grows with it, answers do not change.
@@ -162,25 +162,23 @@ def rotation_errors(
     """
     pipeline = pipeline or model.pipeline()
     errors, results = [], []
-    seen, symmetry = views.observation, model.card.known.symmetry
-    for first in range(0, seen.num_problems, batch_size):
+    observation, symmetry = views.observation, model.card.known.symmetry
+    for first in range(0, observation.num_problems, batch_size):
         rows = slice(first, first + batch_size)
-        fields: dict[str, Any] = {name: seen.field(name)[rows] for name in FIELDS}
-        piece = Observation(**fields, keys=seen.keys[rows])
-        result = pipeline(piece, seed=0)
+        result = pipeline(observation[rows], seed=0)
         angles = (result.values[name].double() for name in ("azimuth", "elevation", "roll"))
         found = rotation_from_angles(*angles)
         full, by_axis = (rotation_error(found, views.rotation[rows], how) for how in (symmetry, "y"))
         errors.append(torch.where(views.visible[rows], full, by_axis).rad2deg())
         results.append(result)
-        on_batch(min(first + batch_size, seen.num_problems))
+        on_batch(min(first + batch_size, observation.num_problems))
     return torch.cat(errors), results
 
 
 def translation_errors(model: CategoryModel, views: HeldOutViews, results: list[FitResult]) -> Tensor:
     """Distances in metres (N,) between where the objects are and where the fits of `rotation_errors` have them."""
     errors: list[Tensor] = []
-    for fit in (result.of(number) for result in results for number in range(len(result.energy))):
+    for fit in (one for result in results for one in result):
         number = len(errors)
         _, found, _ = placement(fit.values, views.crops[number], views.intrinsics[number], model.card)
         errors.append((found[0] - views.translation[number]).norm())
@@ -189,21 +187,21 @@ def translation_errors(model: CategoryModel, views: HeldOutViews, results: list[
 
 def answer_to(model: CategoryModel, views: HeldOutViews, results: list[FitResult], number: int) -> PoseResult:
     """What `CategoryModel.pose` would have answered to one view that `rotation_errors` fitted without failing."""
-    fit = [result.of(row) for result in results for row in range(len(result.energy))][number]
-    fields: dict[str, Any] = {name: views.observation.field(name)[number : number + 1] for name in FIELDS}
-    seen = Observation(**fields, keys=(number,))
+    fit = [one for result in results for one in result][number]
     where = (views.photos[number], views.masks[number], views.crops[number], views.intrinsics[number])
-    return model.answer(fit, ObservedObject(seen, *where, "given", ()))
+    observation = views.observation[number]
+    return model.answer(fit, ObservedObject(observation, *where, "given", ()), observation)
 
 
 class Answer(NamedTuple):
     """What a fit of one view comes to.
 
     Attributes:
-        number: of the view.
+        number: number of the view.
         evidence: see `kfit.pose.confidence.evidence`.
-        error_deg: of the whole rotation, also of mugs whose handle is hidden: a guess at it is no certain answer.
-        energy: of the winner.
+        error_deg: error of the complete rotation, also of mugs whose handle is hidden, since a guess is not a
+            certain answer.
+        energy: energy of the winner.
     """
 
     number: int
@@ -214,8 +212,8 @@ class Answer(NamedTuple):
 
 def answers(model: CategoryModel, views: HeldOutViews, results: list[FitResult]) -> Iterator[Answer]:
     """Answers to the views that `rotation_errors` fitted without failing."""
-    upright, log_probabilities = torch.eye(3).double(), model.pose_log_probabilities(views.observation.image)
-    fits = (result.of(row) for result in results for row in range(len(result.energy)))
+    upright, log_probabilities = torch.eye(3).double(), model.pose_log_probabilities(views.observation)
+    fits = (one for result in results for one in result)
     for number, fit in enumerate(fits):
         if fit.start[0] < 0:
             continue
@@ -223,22 +221,25 @@ def answers(model: CategoryModel, views: HeldOutViews, results: list[FitResult])
         hypotheses = hypotheses_of(fit, upright, model.card, model.pose_head, head)
         error = rotation_error(fitted_rotations(fit.values)[0], views.rotation[number], model.card.known.symmetry)
         yield Answer(
-            number, evidence(hypotheses.alternatives, hypotheses.seen), float(error.rad2deg()), float(fit.energy[0])
+            number,
+            evidence(hypotheses.alternatives, hypotheses.head_share),
+            float(error.rad2deg()),
+            float(fit.energy[0]),
         )
 
 
 def called_ambiguous(model: CategoryModel, views: HeldOutViews, results: list[FitResult]) -> Tensor:
     """Whether each view's answer is said to be ambiguous, (N,): what `rotation_errors` found, judged as `pose` does."""
-    said: list[bool] = []
-    upright, log_probabilities = torch.eye(3).double(), model.pose_log_probabilities(views.observation.image)
-    for fit in (result.of(number) for result in results for number in range(len(result.energy))):
-        head = None if log_probabilities is None else log_probabilities[len(said)]
+    ambiguous: list[bool] = []
+    upright, log_probabilities = torch.eye(3).double(), model.pose_log_probabilities(views.observation)
+    for fit in (one for result in results for one in result):
+        head = None if log_probabilities is None else log_probabilities[len(ambiguous)]
         # Where no start was left, nothing is sure.
-        said.append(
+        ambiguous.append(
             not len(fit.all_energy)
             or hypotheses_of(fit, upright, model.card, model.pose_head, head).ambiguity is not None
         )
-    return torch.tensor(said)
+    return torch.tensor(ambiguous)
 
 
 def _unblended(view: View) -> NDArray[np.float32]:

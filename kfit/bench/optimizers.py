@@ -22,7 +22,7 @@ class Problem:
     """Problems of one kind, and how to tell which of them a fit has solved.
 
     Attributes:
-        rates, spread: for Adam and CMA-ES, in raw units.
+        rates, sigma: for Adam and CMA-ES, in raw units.
         solved: which problems (B,) a result solves.
     """
 
@@ -33,7 +33,7 @@ class Problem:
     initializers: list[Initializer]
     observation: Observation
     rates: float | dict[str, float]
-    spread: float | dict[str, float]
+    sigma: float | dict[str, float]
     solved: Callable[[FitResult], Tensor]
 
 
@@ -119,7 +119,7 @@ def optimizers(problem: Problem, budget: int) -> dict[str, tuple[Optimizer, int]
         "AutoAdam": (AutoAdam(), max(1, budget - len(variables))),
         "LBFGS": (LBFGS(), max(1, budget // 2)),
         "LevenbergMarquardt": (LevenbergMarquardt(), max(1, budget // squares)),
-        "CMAES": (CMAES(problem.spread), max(1, budget // (population + 1))),
+        "CMAES": (CMAES(problem.sigma), max(1, budget // (population + 1))),
         "Stages: Adam, then LM": (
             Stages([(adam, max(1, budget // 2)), (LevenbergMarquardt(), finish)]),
             max(1, budget // 2) + finish,
@@ -166,8 +166,8 @@ def registration(name: str, count: int, seed: int) -> Problem:
         Uniform("shift", -0.1, 0.1),
         Constant({"scale": 1.0, "stretch": 1.0, "shear": 0.0}),
     ]
-    seen = Observation(generator(**truth).image, keys=tuple(range(count)))
-    return Problem(f"registration, {name}", generator, {"l2": L2()}, {}, starts, seen, 0.01, 0.05, solved)
+    observation = Observation(generator(**truth).image, keys=tuple(range(count)))
+    return Problem(f"registration, {name}", generator, {"l2": L2()}, {}, starts, observation, 0.01, 0.05, solved)
 
 
 def pose(category: str, count: int, seed: int) -> Problem:
@@ -221,14 +221,14 @@ def inversion(category: str, count: int, seed: int) -> Problem:
     code = torch.randn(count, *generator.variables["code"].shape, generator=torch.Generator().manual_seed(seed))
     with torch.no_grad():
         drawn = generator(code=code)
-    seen = Observation(drawn.image, drawn.mask, keys=tuple(range(count)))
+    observation = Observation(drawn.image, drawn.mask, keys=tuple(range(count)))
     return Problem(
         f"inversion, {category}",
         generator,
         {"l2": L2()},
         {},
         [Uniform("code", -0.5, 0.5)],
-        seen,
+        observation,
         0.1,
         0.3,
         lambda result: result.energy.sqrt() <= 0.01,

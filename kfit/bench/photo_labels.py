@@ -32,13 +32,13 @@ class Label:
     """One object, labelled by eye.
 
     Attributes:
-        name: of the label.
+        name: name of the label.
         category: one of `kfit.geometry.CATEGORIES`.
         box: left, top, width, height in pixels of the upright photo.
         kind: "upright", "lying", "inverted", "occluded" or "odd".
         tolerance: degrees that the labeller is sure to.
         either_end: whether it looks the same upside down.
-        axes: of "up" and "front", where labelled, direction, word ("toward", "away", "across") and lean, None each
+        axes: axes "up" and "front", where labelled, direction, word ("toward", "away", "across") and lean, None each
             where unclear.
     """
 
@@ -151,11 +151,11 @@ def box_iou(label: Label, result: PoseResult) -> float:
     height, width = result.image.shape[:2]
     limits = np.array([0.0, 0.0, width, height])
     drawn = np.array([*label.box[:2], label.box[0] + label.box[2], label.box[1] + label.box[3]])
-    seen = np.concatenate([flat.min(0), flat.max(0)])
+    box_seen = np.concatenate([flat.min(0), flat.max(0)])
     cut = np.abs(drawn - limits) <= EDGE * max(width, height)
     cut |= np.array([*(drawn[:2] < limits[:2]), *(drawn[2:] > limits[2:])])
-    inside = np.concatenate([np.maximum(seen[:2], limits[:2]), np.minimum(seen[2:], limits[2:])])
-    return overlap(np.where(cut, inside, seen), drawn)
+    inside = np.concatenate([np.maximum(box_seen[:2], limits[:2]), np.minimum(box_seen[2:], limits[2:])])
+    return overlap(np.where(cut, inside, box_seen), drawn)
 
 
 def _filled(category: str, size: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -73,5 +73,5 @@ def measure(
     begun = time.perf_counter()
     errors, results = rotation_errors(model, views, pipeline, on_batch=on_batch)
     spent = (time.perf_counter() - begun) / len(errors)
-    away, told = 100 * translation_errors(model, views, results), called_ambiguous(model, views, results)
-    return PoseErrors(errors, away, views.visible, told, results, spent)
+    away, ambiguous = 100 * translation_errors(model, views, results), called_ambiguous(model, views, results)
+    return PoseErrors(errors, away, views.visible, ambiguous, results, spent)

@@ -122,16 +122,16 @@ def compared(ours: list[float], theirs: list[float], floor: list[float], rival: 
     clear = sum(by > least for by, least in zip(nearer, floor, strict=True))
     worse = sum(-by > least for by, least in zip(nearer, floor, strict=True))
     lost = sum(our > LOST >= their for our, their in zip(ours, theirs, strict=True))
-    told = (
+    summary = (
         f"kfit is at least as accurate as {rival} on {sum(by >= 0 for by in nearer)} of {len(nearer)} pairs: "
         f"nearer by more than the floor on {clear}, further by more than it on {worse}; it loses {lost} (off by over "
         f"{LOST:g} pixel) that {rival} finds"
     )
     if draws == 1:
-        return told
+        return summary
     starts = range(0, len(ours), draws)
     medians = [(statistics.median(ours[i : i + draws]), statistics.median(theirs[i : i + draws])) for i in starts]
-    return f"{told}; by the median of {draws} draws on {sum(o <= t for o, t in medians)} of {len(medians)} pictures"
+    return f"{summary}; by the median of {draws} draws on {sum(o <= t for o, t in medians)} of {len(medians)} pictures"
 
 
 def register(pair: Pair, motion: str = "homography") -> Tensor:

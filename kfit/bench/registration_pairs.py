@@ -101,7 +101,7 @@ def noise_floor(pair: Pair, noise: float, motion: str = "homography") -> float:
 
 def inside(generator: Template, corners: Tensor) -> Tensor:
     """1 where the template covers the whole of a pixel of the drawing (1, 1, H, W), else 0."""
-    mask: Tensor = generator(corners=corners).mask
+    mask = generator(corners=corners).field("mask")
     return (mask > 0.999).to(corners)
 
 

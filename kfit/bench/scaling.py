@@ -77,8 +77,8 @@ def sections(
     rows = []
     for axis, points in found.items():
         for value, seconds, memory in points:
-            told = "unknown" if memory is None else f"{memory:.0f}"
-            rows.append([axis, str(value), f"{seconds:.2f}", f"{seconds / points[0][1]:.1f} ×", told])
+            memory_text = "unknown" if memory is None else f"{memory:.0f}"
+            rows.append([axis, str(value), f"{seconds:.2f}", f"{seconds / points[0][1]:.1f} ×", memory_text])
     rest = ", ".join(f"{name} {value}" for name, value in usual.items())
     grown = Section(
         "Sizes",

@@ -18,7 +18,6 @@ from kfit.runtime.console import log, progress
 
 if TYPE_CHECKING:
     from kfit.bench.held_out_views import HeldOutViews
-    from kfit.core import Observation
     from kfit.fitting.pipeline import FitPipeline
     from kfit.pose import CategoryModel
 
@@ -70,13 +69,17 @@ def parser() -> ArgumentParser:
 
 @dataclass(frozen=True)
 class Way:
-    """One way to fit, and its precision; the energies of ways with ``objective`` compare all ways' answers."""
+    """One way to fit, and its precision; the energies of ways with ``objective`` compare all ways' answers.
+
+    What is profiled is ``short`` where that is given, a fit of fewer steps.
+    """
 
     name: str
     model: CategoryModel
     pipeline: FitPipeline
     precision: str = "32"
     objective: bool = False
+    short: FitPipeline | None = None
 
 
 def run(args: Namespace) -> None:
@@ -136,10 +139,11 @@ def ways_of(args: Namespace, model: CategoryModel) -> list[Way]:
         changes = [network, "kfit.features.VGG16", f"{network}.init_args.layers", "[conv3_3]"]
         changes += [f"{network}.init_args.weights", args.vgg16]
     released = fit_of(args.recipe, model, changes)
+    short = fit_of(args.recipe, model, [*changes, "--num_steps", "2"])
     parts = released.energies.items()
     energies = {name: (energy, RELEASED_WEIGHT) for name, energy in parts if isinstance(energy, Energy)}
     ways = [
-        Way("released", model, released, objective=True),
+        Way("released", model, released, objective=True, short=short),
         Way("kfit, released energy", model, model.pipeline(energies=energies), args.precision),
         Way("kfit", model, model.pipeline(), args.precision, objective=True),
     ]
@@ -165,28 +169,18 @@ def fit(
     from kfit.geometry.pose import rotation_of
     from kfit.runtime.devices import precision
 
-    seen = view_of(views, number).map(lambda tensor: tensor.to(device))
+    observation = views.observation[number].map(lambda tensor: tensor.to(device))
     with precision(way.precision, device):
-        result, cost = timed(way.pipeline, seen, seed)
+        result, cost = timed(way.pipeline, observation, seed)
     symmetry = way.model.card.known.symmetry if views.visible[number] else "y"
     turned = rotation_of({name: value.double().cpu() for name, value in result.values.items()})
     away = rotation_error(turned, views.rotation[number : number + 1], symmetry)
     energies = {
-        f"energy: {other.name}": float(energy_at(other.pipeline, seen, result))
+        f"energy: {other.name}": float(energy_at(other.pipeline, observation, result))
         for other in ways
         if other.objective and other.model is way.model
     }
     return {**vars(cost), "rotation_deg": float(away.rad2deg()), **energies}
-
-
-def view_of(views: HeldOutViews, number: int) -> Observation:
-    """One view as an observation without depth."""
-    from kfit.core import Observation
-
-    rows = slice(number, number + 1)
-    whole = views.observation
-    image, mask, intrinsics = (whole.field(name)[rows] for name in ("image", "mask", "intrinsics"))
-    return Observation(image, mask, intrinsics=intrinsics, keys=(number,))
 
 
 def profiles(ways: list[Way], views: HeldOutViews) -> dict[str, Any]:
@@ -196,12 +190,8 @@ def profiles(ways: list[Way], views: HeldOutViews) -> dict[str, Any]:
 
     found = {}
     for way in ways:
-        steps = way.pipeline.num_steps
-        if way is ways[0]:
-            way.pipeline.num_steps = 2
         with precision(way.precision, "cpu"):
-            found[way.name] = {**profile(way.pipeline, view_of(views, 0)), "precision": way.precision}
-        way.pipeline.num_steps = steps
+            found[way.name] = {**profile(way.short or way.pipeline, views.observation[0]), "precision": way.precision}
     return found
 
 
@@ -214,10 +204,10 @@ def _before(out: str | None, asked: dict[str, Any]) -> dict[str, Any]:
     path = Path(out or "") / FILE
     if out is None or not path.is_file():
         return {DONE: {}}
-    told = json.loads(path.read_text(encoding="utf-8"))
-    if told["asked"] != json.loads(json.dumps(asked)):
+    saved = json.loads(path.read_text(encoding="utf-8"))
+    if saved["asked"] != json.loads(json.dumps(asked)):
         raise ValueError(f"{path} was measured with other settings; pass another --out, or delete it")
-    kept: dict[str, Any] = told["found"]
+    kept: dict[str, Any] = saved["found"]
     return kept
 
 

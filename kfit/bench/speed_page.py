@@ -97,10 +97,10 @@ def _profiles(profiles: Mapping[str, Mapping[str, Any]], rates: Mapping[str, flo
         row = [name, f"{found['seconds']:.1f} s", *(f"{100 * found['shares'][kind]:.0f} %" for kind in kinds)]
         rows.append([*row, f"{found['gflop']:.0f}", f"{rate:.0f} GFLOP/s", f"{100 * rate / most:.0f} %"])
     header = ["way", "in all operators", *kinds, "GFLOP", "rate of products", "of the machine's"]
-    told = ", ".join(f"{rate:.0f} GFLOP/s in {_precision(name)}" for name, rate in rates.items())
+    reached = ", ".join(f"{rate:.0f} GFLOP/s in {_precision(name)}" for name, rate in rates.items())
     notes = [
         "One fit under PyTorch's profiler, of the first row two steps. The rate is that of convolutions and matrix "
-        f"products, with the copies around them; products of 2048 × 2048 matrices reach {told}."
+        f"products, with the copies around them; products of 2048 × 2048 matrices reach {reached}."
     ]
     return Section("Where the time goes", header, rows, notes)
 

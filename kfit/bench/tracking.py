@@ -82,8 +82,8 @@ def measured(model: CategoryModel, clip: Clip, every: int) -> dict[str, Any]:
         errors.append(error(model, result.rotation, clip, frame))
     ways["by itself"] = {"errors": errors, "seconds": spent}
     masks = [mask > 0.5 for mask in clip.masks]
-    told: dict[str, dict[str, Any]] = {"true masks": {"masks": masks}, "own masks": {"mask": masks[0]}}
-    for way, given in told.items():
+    masks_of: dict[str, dict[str, Any]] = {"true masks": {"masks": masks}, "own masks": {"mask": masks[0]}}
+    for way, given in masks_of.items():
         answers: list[TrackedPose] = []
         spent = []
         begun = time.perf_counter()

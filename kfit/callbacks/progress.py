@@ -53,8 +53,8 @@ class Progress(Callback):
 
     def on_step(self, state: FitState) -> FitState:
         if self._bar is not None and len(state.energy):
-            told = f"fitting · {len(state.energy)} starts · energy {float(state.best_energy.min()):.4g}"
-            self._bar.update(self._task, advance=1, description=told)
+            text = f"fitting · {len(state.energy)} starts · energy {float(state.best_energy.min()):.4g}"
+            self._bar.update(self._task, advance=1, description=text)
             if state.step == state.num_steps:
                 self._stop()
         return state

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import torch
 
 from kfit.core import Callback, FitState
@@ -60,5 +62,5 @@ class Stopping(Callback):
         # It rises only if the best start was dropped; the remaining starts then have their own best.
         fallen = (least < before - self.tolerance * before.abs()) | before.isinf() | (least > before)
         since = torch.where(fallen, 0.0, since + 1)
-        state.notes = {**state.notes, BEST: torch.where(fallen, least, before), SINCE: since}
-        return state.freeze(since >= self.patience)
+        notes = {**state.notes, BEST: torch.where(fallen, least, before), SINCE: since}
+        return replace(state, notes=notes).freeze(since >= self.patience)

@@ -52,7 +52,7 @@ def picture(results: Sequence[PoseResult]) -> NDArray[np.uint8]:
             result.translation,
             result.size,
             result.intrinsics,
-            seen=result.observation.field("image")[0],
+            observed=result.observation.field("image")[0],
             drawing=torch.from_numpy(result.drawing).movedim(-1, 0),
             mask=result.mask,
             caption=describe(result),
@@ -80,8 +80,8 @@ def table(answers: Answers) -> Table:
             score = "" if result.category_score is None else f" ({100 * result.category_score:.0f} %)"
             box = " ".join(map(str, result.bbox_xywh))
             name = [Path(photo).name] if len(answers) > 1 else []
-            told = (words.view, words.size, words.distance, words.confidence)
-            made.add_row(*name, str(number), f"{words.name}{score}", box, *told)
+            cells = (words.view, words.size, words.distance, words.confidence)
+            made.add_row(*name, str(number), f"{words.name}{score}", box, *cells)
         if not results:
             made.add_row(Path(photo).name, "", "nothing found")
     return made

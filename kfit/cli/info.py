@@ -33,13 +33,13 @@ def parser() -> ArgumentParser:
     return parser
 
 
-def run(said: Namespace) -> None:
+def run(args: Namespace) -> None:
     """Look, and print."""
-    told = {part.__name__: part() for part in (versions, devices, models, caches, extras)}
-    if said.json:
-        print(json.dumps(told, ensure_ascii=False))
+    facts = {part.__name__: part() for part in (versions, devices, models, caches, extras)}
+    if args.json:
+        print(json.dumps(facts, ensure_ascii=False))
     else:
-        show(sections(told), 100)
+        show(sections(facts), 100)
 
 
 def versions() -> dict[str, str | None]:
@@ -131,15 +131,15 @@ def extras() -> list[dict[str, Any]]:
     return found
 
 
-def sections(told: dict[str, Any]) -> list[Section]:
+def sections(facts: dict[str, Any]) -> list[Section]:
     """A table for each part."""
 
-    def yes(said: bool | None) -> str:
-        return {True: "yes", False: "no", None: "unknown"}[said]
+    def yes(value: bool | None) -> str:
+        return {True: "yes", False: "no", None: "unknown"}[value]
 
     return [
         Section(
-            "Versions", ["of", "version"], [[name, number or "missing"] for name, number in told["versions"].items()]
+            "Versions", ["of", "version"], [[name, number or "missing"] for name, number in facts["versions"].items()]
         ),
         Section(
             "Devices",
@@ -152,7 +152,7 @@ def sections(told: dict[str, Any]) -> list[Section]:
                     yes(one["bfloat16"]),
                     f"{one['memory_mib'] / 1024:.0f} GiB" if one["memory_mib"] else "",
                 ]
-                for one in told["devices"]
+                for one in facts["devices"]
             ],
         ),
         Section(
@@ -167,19 +167,19 @@ def sections(told: dict[str, Any]) -> list[Section]:
                     "" if (median := one["median_rotation_error_deg"]) is None else f"{median:.1f}°",
                     "" if (share := one["under_10_deg"]) is None else f"{100 * share:.0f} %",
                 ]
-                for one in told["models"]
+                for one in facts["models"]
             ],
             ["Rotation errors on unseen procedural objects; symmetric objects are measured by their axis."],
         ),
         Section(
             "Caches",
             ["folder", "holds", "size"],
-            [[c["folder"], c["holds"], f"{c['mib']:.1f} MiB"] for c in told["caches"]],
+            [[c["folder"], c["holds"], f"{c['mib']:.1f} MiB"] for c in facts["caches"]],
         ),
         Section(
             "Extras",
             ["extra", "installed", "to install it"],
-            [[one["extra"], yes(one["installed"]), "" if one["installed"] else one["by"]] for one in told["extras"]],
+            [[one["extra"], yes(one["installed"]), "" if one["installed"] else one["by"]] for one in facts["extras"]],
         ),
     ]
 

@@ -12,7 +12,7 @@ from jsonargparse import ArgumentError, ArgumentParser, Namespace
 from kfit import __version__
 from kfit.bench import calibrate
 from kfit.bench import command as bench
-from kfit.cli import app, completion, demo, evaluate, export, info, pack, pose, video
+from kfit.cli import app, compare, completion, demo, evaluate, export, info, pack, pose, video, views
 from kfit.cli.did_you_mean import suggestion
 from kfit.runtime.console import ENDINGS, add_general_options, session
 from kfit.runtime.help_page import HelpPage, tree
@@ -30,6 +30,8 @@ COMMANDS = {
     "video": video,
     "app": app,
     "evaluate": evaluate,
+    "views": views,
+    "compare": compare,
     "pack": pack,
     "calibrate": calibrate,
     "export": export,
@@ -64,10 +66,10 @@ def parser() -> ArgumentParser:
     for name, command in COMMANDS.items():
         commands.add_subcommand(name, parsers[name], help=str(command.__doc__).partition("\n")[0])
     bench.add_benchmarks(parsers["bench"])
-    for name, told in TRAINING.items():
+    for name, summary in TRAINING.items():
         training = ArgumentParser()
         training.add_argument("-c", "--config", type=str, default=None, metavar="RECIPE.yaml", help="the recipe")
-        commands.add_subcommand(name, training, help=told)
+        commands.add_subcommand(name, training, help=summary)
     for one in tree(top):
         add_general_options(one)
         one.allow_abbrev = False  # jsonargparse would accept and deprecate them
@@ -137,12 +139,12 @@ def main(args: Sequence[str] | None = None) -> None:
             arguments = (top := parser()).parse_args(words)
         except ArgumentError as error:
             named = [word for word, known in zip(words, (COMMANDS, bench.BENCHMARKS), strict=False) if word in known]
-            told = sentence(str(error))
-            key = told.partition(" ")[0].replace("_", "-")
+            message = sentence(str(error))
+            key = message.partition(" ")[0].replace("_", "-")
             option = any(f"--{key}" in part._option_string_actions for part in tree(top))
-            what = f"--{key}{told[len(key) :]}" if option else told
+            reason = f"--{key}{message[len(key) :]}" if option else message
             raise ValueError(
-                f"{what};{suggestion(words, top, TRAINING)} `{' '.join(['kfit', *named])} --help` shows the usage"
+                f"{reason};{suggestion(words, top, TRAINING)} `{' '.join(['kfit', *named])} --help` shows the usage"
             ) from None
         chosen: Namespace = arguments[arguments.subcommand]
         values = chosen[chosen.subcommand] if "subcommand" in chosen else chosen

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 def check_thing(args: Namespace) -> None:
     """Refuse arguments without exactly one of --category and --model."""
     if (args.category is None) == (args.model is None):
-        raise ValueError("say what the object is: either --category NAME or --model FILE.safetensors")
+        raise ValueError("name the object by either --category NAME or --model FILE.safetensors")
     if args.model is not None and not args.model.endswith(".safetensors"):
         raise ValueError(f"--model must name a .safetensors file, got {args.model}")
 

@@ -82,9 +82,9 @@ def parser() -> ArgumentParser:
 def run(args: Namespace) -> None:
     """Follow, write the two files, and print."""
     check_thing(args)
-    told = [name for name in ("mask", "masks", "box", "segmenter") if args[name] is not None]
-    if len(told) > 1 and told != ["box", "segmenter"]:
-        raise ValueError(f"--{told[0]} and --{told[1]} were both given; use one of them to select the object")
+    named = [name for name in ("mask", "masks", "box", "segmenter") if args[name] is not None]
+    if len(named) > 1 and named != ["box", "segmenter"]:
+        raise ValueError(f"--{named[0]} and --{named[1]} were both given; use one of them to select the object")
     with status("Loading kfit …"):
         from kfit.models import load
         from kfit.runtime.atomic_write import atomic_write
@@ -105,12 +105,12 @@ class Video:
 
     Args:
         model: with a pose head.
-        frames: of the video.
-        args: of the command line.
+        frames: frames of the video.
+        args: arguments of the command line.
 
     Attributes:
         num_frames, num_anew: that were gone through; in which it was found anew, but the first.
-        confidences: of the frames in which it was found.
+        confidences: confidences of the frames in which it was found.
     """
 
     def __init__(self, model: CategoryModel, frames: Frames, args: Namespace) -> None:

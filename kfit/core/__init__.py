@@ -1,25 +1,17 @@
 """Contracts and plain values; imports torch alone."""
 
 from kfit.core.check import FitError
-from kfit.core.contracts import (
-    Callback,
-    Encoder,
-    Energy,
-    Evaluate,
-    Generator,
-    Initializer,
-    Linearization,
-    Optimizer,
-    Prior,
-    ResidualEnergy,
-    ResidualPrior,
-    Schedule,
-    Selector,
-)
+from kfit.core.contracts import Callback, Initializer, Optimizer, Schedule, Selector
+from kfit.core.encoder import Encoder
+from kfit.core.energy import Energy, ResidualEnergy
+from kfit.core.evaluate import Evaluate, Linearization
 from kfit.core.frozen import frozen
+from kfit.core.generator import Generator
 from kfit.core.manifolds import SO3, Simplex, UnitVector
+from kfit.core.observation import Observation, Rendering
+from kfit.core.prior import Prior, ResidualPrior
 from kfit.core.result import FitResult, History
-from kfit.core.state import Evaluation, FitState, Observation, Rendering
+from kfit.core.state import Evaluation, FitState, GradientEvaluation, PicturesEvaluation, ResidualEvaluation
 from kfit.core.variables import Angle, Bounded, Positive, Real, Space, Variable, Variables
 
 __all__ = [
@@ -35,16 +27,19 @@ __all__ = [
     "FitResult",
     "FitState",
     "Generator",
+    "GradientEvaluation",
     "History",
     "Initializer",
     "Linearization",
     "Observation",
     "Optimizer",
+    "PicturesEvaluation",
     "Positive",
     "Prior",
     "Real",
     "Rendering",
     "ResidualEnergy",
+    "ResidualEvaluation",
     "ResidualPrior",
     "Schedule",
     "Selector",

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from torch import Tensor
 
 from kfit.core.check import check_bound
-from kfit.core.contracts import Generator
+from kfit.core.generator import Generator
 from kfit.core.variables import Variables
 
 

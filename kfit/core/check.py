@@ -180,8 +180,8 @@ def check_names(name: str, given: Iterable[str], known: Collection[str], complet
     unknown = sorted(set(given) - set(known))
     missing = sorted(set(known) - set(given)) if complete else []
     if unknown or missing:
-        said = f"unknown {', '.join(unknown)}" if unknown else f"nothing for {', '.join(missing)}"
-        raise ValueError(f"{name}: {said}; the names are {', '.join(sorted(known))}")
+        reason = f"unknown {', '.join(unknown)}" if unknown else f"nothing for {', '.join(missing)}"
+        raise ValueError(f"{name}: {reason}; the names are {', '.join(sorted(known))}")
 
 
 def check_bound(variables: Mapping[str, Any], fixed: Mapping[str, Tensor]) -> None:

@@ -7,8 +7,12 @@ from typing import Any, TypeVar
 
 import torch
 from torch import Tensor, nn
+from torch.utils import _pytree as pytree
+
+from kfit.core.part import Part
 
 Module = TypeVar("Module", bound=nn.Module)
+OnePart = TypeVar("OnePart", bound=Part)
 
 
 def frozen(module: Module) -> Module:
@@ -34,6 +38,37 @@ def frozen(module: Module) -> Module:
         }
         shared.update({id(b): _fit_for_gradients(b) for b in module.buffers()})
         return copy.deepcopy(module, shared).eval()
+
+
+def with_frozen_networks(part: OnePart) -> OnePart:
+    """A copy of a part that is no network itself, with `frozen` twins of the networks that it holds.
+
+    Networks are found in its attributes, in lists, tuples and dicts there, and in parts that it is composed of.
+    """
+    twin = copy.copy(part)
+    vars(twin).update({name: pytree.tree_map(_twin, value) for name, value in _held(part).items()})
+    return twin
+
+
+def networks_of(part: Part) -> list[nn.Module]:
+    """Networks that a part holds, where `with_frozen_networks` finds them."""
+    found: list[nn.Module] = []
+    for leaf in pytree.tree_leaves(_held(part)):
+        if isinstance(leaf, nn.Module):
+            found.append(leaf)
+        elif isinstance(leaf, Part):
+            found += networks_of(leaf)
+    return found
+
+
+def _held(part: Part) -> dict[str, Any]:
+    return {name: value for name, value in vars(part).items() if name != "settings"}
+
+
+def _twin(value: Any) -> Any:
+    if isinstance(value, nn.Module):
+        return frozen(value)
+    return with_frozen_networks(value) if isinstance(value, Part) else value
 
 
 def _fit_for_gradients(tensor: Tensor) -> Tensor:

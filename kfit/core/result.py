@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, fields, replace
 
 import torch
@@ -52,7 +53,7 @@ class FitResult:
         >>> result = fit(kfit.Observation(torch.rand(2, 1, 16, 16)))  # two problems
         >>> result.values["shift"].shape, result.all_values["shift"].shape, result.history.energy.shape
         (torch.Size([2, 2]), torch.Size([8, 2]), torch.Size([6, 2, 4]))
-        >>> result.of(1).energy == result.energy[1]
+        >>> result[1].energy == result.energy[1]
         tensor([True])
     """
 
@@ -74,26 +75,45 @@ class FitResult:
         moved = pytree.tree_map_only(Tensor, lambda tensor: tensor.to(device), (held, history))
         return FitResult(**{**moved[0], "history": History(**moved[1])})
 
-    def of(self, problem: int) -> FitResult:
-        """Select one problem, which becomes problem 0 of the result: winner, starts, history and dropped rows.
+    def __len__(self) -> int:
+        """B, the number of problems."""
+        return len(self.energy)
+
+    def __iter__(self) -> Iterator[FitResult]:
+        """The problems one by one."""
+        return (self[problem] for problem in range(len(self)))
+
+    def __getitem__(self, problem: int) -> FitResult:
+        """One problem, which becomes problem 0 of the result: winner, starts, history and dropped rows.
 
         ``num_evaluations`` stays the number of pictures that were drawn for all problems, because pictures of several
         problems are drawn together.
+
+        Raises:
+            IndexError: for a number that is not from 0 to B − 1.
         """
+        if not 0 <= problem < len(self):
+            raise IndexError(f"problem must lie between 0 and {len(self) - 1}, got {problem}")
         one, rows = slice(problem, problem + 1), self.all_problem == problem
+        path = self.history
         return replace(
             self,
-            values={name: value[one] for name, value in self.values.items()},
+            values=_taken(self.values, one),
             energy=self.energy[one],
             start=self.start[one],
             all_problem=torch.zeros_like(self.all_problem[rows]),
             all_start=self.all_start[rows],
             all_energy=self.all_energy[rows],
-            all_values={name: value[rows] for name, value in self.all_values.items()},
-            history=History(
-                energy=self.history.energy[:, one],
-                terms={name: term[:, one] for name, term in self.history.terms.items()},
-                values={name: value[:, one] for name, value in self.history.values.items()},
+            all_values=_taken(self.all_values, rows),
+            history=replace(
+                path,
+                energy=path.energy[:, one],
+                terms={name: term[:, one] for name, term in path.terms.items()},
+                values={name: value[:, one] for name, value in path.values.items()},
             ),
             dropped=[(0, start, step) for number, start, step in self.dropped if number == problem],
         )
+
+
+def _taken(values: Variables, rows: slice | Tensor) -> Variables:
+    return {name: value[rows] for name, value in values.items()}

@@ -37,7 +37,7 @@ def with_exposure(
     low, high = mesh.bounds
     centre, radius = (low + high) / 2, float(np.linalg.norm(high - low)) / 2
     total = np.zeros(len(mesh.vertices))
-    seen = np.zeros(len(mesh.vertices))
+    exposed = np.zeros(len(mesh.vertices))
     distance = 20 * radius
     focal = image_size / 2 * distance / (radius * 1.1)
     for direction in directions:
@@ -61,8 +61,8 @@ def with_exposure(
         texel = 2.2 * radius / image_size
         slope = np.sqrt(np.maximum(1 - weight**2, 0)) / np.maximum(weight, 0.2)
         total += weight
-        seen += weight * np.clip(1.5 + slope - (far - depth[rows, columns]) / texel, 0, 1)
-    share = np.minimum(1, (2 if two_sided else 1) * seen / np.maximum(total, 1e-9))
+        exposed += weight * np.clip(1.5 + slope - (far - depth[rows, columns]) / texel, 0, 1)
+    share = np.minimum(1, (2 if two_sided else 1) * exposed / np.maximum(total, 1e-9))
     share = _smoothed(share, mesh.faces)
     return replace(mesh, exposure=(floor + (1 - floor) * share).astype(np.float32))
 

@@ -19,8 +19,8 @@ def read_dataset(file: h5py.File, name: str, path: Path) -> np.ndarray:
 
     Args:
         file: open.
-        name: of the dataset.
-        path: of the file, for messages.
+        name: name of the dataset.
+        path: path of the file, for messages.
 
     Raises:
         ValueError: for anything else.
@@ -41,6 +41,6 @@ def read_dataset(file: h5py.File, name: str, path: Path) -> np.ndarray:
         sides = zip(dataset.shape, dataset.chunks, strict=True)
         whole = dataset.id.get_num_chunks() == math.prod(-(-side // chunk) for side, chunk in sides)
     if not whole or dataset.nbytes > MOST_UNPACKED * stored:
-        raise ValueError(f"{name} must be written whole, but {path} holds {stored:,} bytes for {dataset.nbytes:,}.")
+        raise ValueError(f"{name} must be complete, but {path} holds {stored:,} bytes for {dataset.nbytes:,}.")
     values: np.ndarray = dataset[()]
     return values

@@ -54,7 +54,7 @@ def align(
         raise ValueError(f"coordinates and points must both be (M, 3), got {coordinates.shape} and {points.shape}")
     if len(points) < _MIN_PAIRS:
         raise ValueError(f"coordinates and points must hold at least {_MIN_PAIRS} pairs, got {len(points)}")
-    with ignore_warnings():  # that nothing agrees is told below, in one sentence
+    with ignore_warnings():  # no agreement is reported below, in one sentence
         model, agree = ransac(
             (coordinates.astype(np.float64), points.astype(np.float64)),
             SimilarityTransform,

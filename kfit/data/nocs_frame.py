@@ -116,10 +116,10 @@ def read_frame(
         FileNotFoundError: ...
     """
     path = Path(path)
-    color = _picture(Path(f"{path}_color.png"))[..., 2::-1]
-    # The three channels of a mask are equal in REAL275; CAMERA tells the number in red alone.
-    numbers = _same_size(_picture(Path(f"{path}_mask.png")), color, path)[..., 2]
-    stored = _same_size(_picture(Path(f"{path}_coord.png")), color, path)[..., 2::-1].astype(np.float32) / 255
+    color = read_picture(Path(f"{path}_color.png"))[..., 2::-1]
+    # The three channels of a mask are equal in REAL275; CAMERA has the number in red alone.
+    numbers = _same_size(read_picture(Path(f"{path}_mask.png")), color, path)[..., 2]
+    stored = _same_size(read_picture(Path(f"{path}_coord.png")), color, path)[..., 2::-1].astype(np.float32) / 255
     # NOCS stores z mirrored.
     stored[..., 2] = 1 - stored[..., 2]
     depth = _same_size(read_depth(full_depth if full_depth is not None else f"{path}_depth.png"), color, path)
@@ -131,7 +131,7 @@ def read_frame(
         if class_id not in _NAMES or instance == _BACKGROUND or not mask.any():
             continue
         box = _box(mask)
-        pose, size, seen = _match(known, class_id, box)
+        pose, size, visible = _match(known, class_id, box)
         if pose is None:
             seen_depth = mask & (depth > 0)
             try:
@@ -139,7 +139,7 @@ def read_frame(
             except ValueError:
                 pose = None
         size = model.size if size is None else size
-        objects.append(NOCSObject(instance, _NAMES[class_id], model, mask, box, pose, size, seen))
+        objects.append(NOCSObject(instance, _NAMES[class_id], model, mask, box, pose, size, visible))
     return NOCSFrame(path, np.ascontiguousarray(color), depth, stored - 0.5, intrinsics, tuple(objects))
 
 
@@ -152,7 +152,7 @@ def read_depth(path: str | Path) -> NDArray[np.floating]:
         FileNotFoundError: if there is no such file.
         ValueError: if it is neither.
     """
-    stored = _picture(Path(path), cv2.IMREAD_UNCHANGED)
+    stored = read_picture(Path(path), cv2.IMREAD_UNCHANGED)
     if stored.ndim == 2 and stored.dtype == np.uint16:
         millimetres = stored
     elif stored.ndim == 3 and stored.dtype == np.uint8 and stored.shape[2] >= 3:
@@ -162,7 +162,12 @@ def read_depth(path: str | Path) -> NDArray[np.floating]:
     return np.where(millimetres == _NO_DEPTH, 0, millimetres).astype(np.float32) / 1000
 
 
-def _picture(path: Path, how: int = cv2.IMREAD_COLOR) -> NDArray[Any]:
+def read_picture(path: Path, how: int = cv2.IMREAD_COLOR) -> NDArray[Any]:
+    """Read a PNG of at most 10,000 pixels a side.
+
+    Raises:
+        FileNotFoundError, ValueError: if there is none, or it cannot be read.
+    """
     if not path.is_file():
         raise FileNotFoundError(f"there is no file {path}")
     try:
@@ -206,7 +211,9 @@ def _known(truth: str | Path | None) -> Mapping[str, Any] | None:
     if not isinstance(known, dict) or any(known.get(key) is None for key in needed):
         raise ValueError(f"{truth} must hold {', '.join(needed)}")
     if len({len(known[key]) for key in needed}) > 1:
-        raise ValueError(f"{truth} must tell as much of each object, got {[len(known[key]) for key in needed]}")
+        raise ValueError(
+            f"{truth} must have equally many entries of each key, got {[len(known[key]) for key in needed]}"
+        )
     return known
 
 
@@ -216,9 +223,9 @@ def _match(
     """Return pose, size and handle visibility of the object with this class and box, within five pixels in total."""
     if known is None:
         return None, None, True
-    seen = next((known[key] for key in ("gt_handle_visibility", "handle_visibility") if key in known), None)
+    visible = next((known[key] for key in ("gt_handle_visibility", "handle_visibility") if key in known), None)
     for row, (other, place) in enumerate(zip(known["gt_class_ids"], known["gt_bboxes"], strict=True)):
         if int(other) == class_id and np.abs(np.asarray(place) - box).sum() <= 5:
             pose, size = (np.asarray(known[key][row], np.float64) for key in ("gt_RTs", "gt_scales"))
-            return pose, size, seen is None or bool(seen[row])
+            return pose, size, visible is None or bool(visible[row])
     return None, None, True

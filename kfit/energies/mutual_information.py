@@ -48,7 +48,7 @@ class MutualInformation(Energy):
 
     def __init__(self, num_bins: int = 32) -> None:
         super().__init__()
-        check_count("num_bins", num_bins, 2, 1024)
+        check_count("num_bins", num_bins, 2)
         self.num_bins = num_bins
 
     def prepare(self, target: Any, weight: Tensor | None = None) -> Any:

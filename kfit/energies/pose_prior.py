@@ -52,8 +52,7 @@ class PosePrior(Prior):
         self.head, self.floor = frozen(head), floor
 
     def prepare(self, observation: Observation) -> Tensor:
-        log_probability: Tensor = self.head(observation.image)
-        return (log_probability / 2).exp()
+        return (self.head.log_probabilities(observation) / 2).exp()
 
     def forward(self, value: dict[str, Tensor], prepared: Any = None) -> Tensor:
         kernel = self.head.log_kernel(value["azimuth"], value["elevation"], value["roll"])

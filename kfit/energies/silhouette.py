@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from typing import Any
 
 import torch
@@ -29,7 +30,27 @@ class Silhouette(L2):
     unit_range = True
 
 
-class SoftIoU(Energy):
+class _Overlap(Energy):
+    """Compares two masks by sums over their pixels; the ground of a volume or picture that does not count is filled."""
+
+    on = "mask"
+    volumes = True
+    unit_range = True
+
+    def prepare(self, target: Any, weight: Tensor | None = None) -> Any:
+        return super().prepare(fill_background(target, weight), weight)
+
+    @abstractmethod
+    def overlap(self, prediction: Tensor, target: Tensor, share: Tensor) -> Tensor:
+        """Energies (N,) of masks (N, 1, …) and the share of each pixel."""
+
+    def compare(self, prediction: Any, prepared: Any) -> Tensor:
+        target, weight = prepared["target"], prepared.get("weight")
+        check_shape("prediction", prediction, tuple(target.shape))
+        return self.overlap(fill_background(prediction, weight), target, normalized_weights(weight, target))
+
+
+class SoftIoU(_Overlap):
     """One minus the soft intersection over union of two masks, whatever the size of the object.
 
     E = 1 − Σ w · min(a, b) / Σ w · max(a, b); two empty masks agree, E = 0.
@@ -46,24 +67,14 @@ class SoftIoU(Energy):
         tensor([0.6667])
     """
 
-    on = "mask"
-    volumes = True
-    unit_range = True
-
-    def prepare(self, target: Any, weight: Tensor | None = None) -> Any:
-        return super().prepare(fill_background(target, weight), weight)
-
-    def compare(self, prediction: Any, prepared: Any) -> Tensor:
-        target, weight = prepared["target"], prepared.get("weight")
-        check_shape("prediction", prediction, tuple(target.shape))
-        prediction, share = fill_background(prediction, weight), normalized_weights(weight, target)
+    def overlap(self, prediction: Tensor, target: Tensor, share: Tensor) -> Tensor:
         union = (torch.maximum(prediction, target) * share).flatten(1).sum(1)
         # max − min = |a − b|: the difference of two sums would round to something below 0 at the truth
         apart: Tensor = ((prediction - target).abs() * share).flatten(1).sum(1)
         return apart / torch.where(union > 0, union, 1)
 
 
-class Dice(Energy):
+class Dice(_Overlap):
     """One minus the soft Dice coefficient of two masks.
 
     E = 1 − 2 Σ w·a·b / (Σ w·a² + Σ w·b²) = Σ w·(a − b)² / (Σ w·a² + Σ w·b²); two empty masks agree, E = 0. The squares
@@ -82,17 +93,7 @@ class Dice(Energy):
         tensor([0.3333])
     """
 
-    on = "mask"
-    volumes = True
-    unit_range = True
-
-    def prepare(self, target: Any, weight: Tensor | None = None) -> Any:
-        return super().prepare(fill_background(target, weight), weight)
-
-    def compare(self, prediction: Any, prepared: Any) -> Tensor:
-        target, weight = prepared["target"], prepared.get("weight")
-        check_shape("prediction", prediction, tuple(target.shape))
-        prediction, share = fill_background(prediction, weight), normalized_weights(weight, target)
+    def overlap(self, prediction: Tensor, target: Tensor, share: Tensor) -> Tensor:
         size = ((prediction.square() + target.square()) * share).flatten(1).sum(1)
         apart: Tensor = ((prediction - target).square() * share).flatten(1).sum(1)
         return apart / torch.where(size > 0, size, 1)

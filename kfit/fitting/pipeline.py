@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
 from itertools import chain
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import torch
 from torch import Tensor, nn
@@ -14,9 +13,7 @@ from torch import Tensor, nn
 from kfit.core import (
     Callback,
     Energy,
-    Evaluation,
     FitResult,
-    FitState,
     Generator,
     Initializer,
     Observation,
@@ -27,15 +24,17 @@ from kfit.core import (
     Variables,
     frozen,
 )
-from kfit.core.check import check_count, check_range
-from kfit.core.rows import broadcast_rows, finite
-from kfit.core.seeds import mixed_seed
+from kfit.core.check import check_count, check_names
+from kfit.core.frozen import networks_of, with_frozen_networks
 from kfit.features import FeatureNetwork
-from kfit.fitting.check_parts import check_memory, check_observation, check_parts, check_state, check_weights
+from kfit.fitting.check_outputs import check_memory, check_state
+from kfit.fitting.check_parts import check_callbacks, check_numbers, check_observation, check_parts, check_weights
 from kfit.fitting.objective import Objective
+from kfit.fitting.prepared_terms import PreparedTerms
 from kfit.fitting.recipe import recipe_text
 from kfit.fitting.recorder import Recorder
-from kfit.fitting.starts import initialize, likeliest
+from kfit.fitting.starts import initialize, likeliest, raw_starts, row_seeds
+from kfit.fitting.state import advanced, first_state
 from kfit.runtime.devices import compile_networks, safe_after_fork
 from kfit.selectors import LowestEnergy
 
@@ -89,11 +88,11 @@ class FitPipeline(nn.Module):
     def __init__(
         self,
         generator: Generator,
-        energies: dict[str, Energy | Prior],
-        initializers: list[Initializer],
+        energies: Mapping[str, Energy | Prior],
+        initializers: Sequence[Initializer],
         optimizer: Optimizer,
-        weights: dict[str, float | Schedule] | None = None,
-        rank_weights: dict[str, float] | None = None,
+        weights: Mapping[str, float | Schedule] | None = None,
+        rank_weights: Mapping[str, float] | None = None,
         selector: Selector | None = None,
         callbacks: Sequence[Callback] = (),
         num_starts: int = 32,
@@ -103,33 +102,24 @@ class FitPipeline(nn.Module):
         min_overlap: float = 0.25,
     ) -> None:
         super().__init__()
-        check_count("num_starts", num_starts)
-        check_count("num_steps", num_steps, 0)
-        if num_candidates is not None:
-            check_count("num_candidates", num_candidates)
-            if num_candidates < num_starts:
-                raise ValueError(f"num_candidates must be at least num_starts, {num_starts}, got {num_candidates}")
-        if not isinstance(history, bool):
-            check_count("history", history)
-        check_range("min_overlap", min_overlap, 0, 1)
+        check_numbers(num_starts, num_steps, num_candidates, history, min_overlap)
         check_parts(generator, energies, initializers, optimizer, selector, callbacks)
         check_weights(energies, weights, rank_weights)
-        self.generator = frozen(generator)
+        self.generator: Generator = frozen(generator)
         self.energies = frozen(nn.ModuleDict(energies))
-        self.initializers = list(initializers)
-        self.optimizer = optimizer
+        self.initializers = tuple(with_frozen_networks(initializer) for initializer in initializers)
+        self.optimizer = with_frozen_networks(optimizer)
         self.weights: dict[str, float | Schedule] = {**dict.fromkeys(energies, 1.0), **(weights or {})}
         self.rank_weights = rank_weights
         self.selector = selector or LowestEnergy()
-        self.callbacks = list(callbacks)
+        self.callbacks = tuple(callbacks)
         self.num_starts, self.num_steps, self.min_overlap = num_starts, num_steps, min_overlap
         self.history = history
         self.num_candidates = num_starts if num_candidates is None else num_candidates
         if not any((rank_weights or self.weights_at(num_steps)).values()):
             raise ValueError("rank_weights must hold a number other than 0, or no start is better than another")
-        # Initializers are not modules: their networks are registered here, so that `to` moves them too.
-        held = [value for initializer in self.initializers for value in vars(initializer).values()]
-        self.networks = nn.ModuleList(value for value in held if isinstance(value, nn.Module))
+        # Initializers and optimizers are not modules: their networks are registered here, so that `to` moves them too.
+        self.networks = nn.ModuleList(chain.from_iterable(map(networks_of, (*self.initializers, self.optimizer))))
         self.eval()
         zeros = {name: torch.zeros(2, *v.raw_shape) for name, v in generator.variables.items()}
         check_memory(optimizer, optimizer.init(zeros, torch.zeros(2, dtype=torch.long)), 2)
@@ -144,8 +134,7 @@ class FitPipeline(nn.Module):
         A fit that is read from it gives the same numbers, bit by bit. Only what differs from the defaults is written.
 
         Raises:
-            ValueError: naming a part that text cannot hold, such as one built from a network, or of a class that
-                cannot be imported.
+            ValueError: naming a part that text cannot hold (built from a network, or of a class without import path).
         """
         return recipe_text(self)
 
@@ -161,6 +150,13 @@ class FitPipeline(nn.Module):
         networks = (module for module in self.energies.modules() if isinstance(module, FeatureNetwork))
         compile_networks(self.generator, *networks, **kwargs)
 
+    if TYPE_CHECKING:
+
+        def __call__(
+            self, observation: Observation, *, seed: int | None = None, starts: Variables | None = None,
+            callbacks: Sequence[Callback] = (),
+        ) -> FitResult: ...  # fmt: skip
+
     @property
     def device(self) -> torch.device:
         """Device of its networks."""
@@ -170,91 +166,85 @@ class FitPipeline(nn.Module):
         """Return the weights of the terms at a step, 0 to ``num_steps``."""
         return {k: w(step, self.num_steps) if isinstance(w, Schedule) else w for k, w in self.weights.items()}
 
+    @property
+    def terms(self) -> dict[str, Energy | Prior]:
+        """Its energies and priors by name."""
+        return dict(self.energies.items())  # type: ignore[arg-type]
+
     @safe_after_fork()
-    def forward(self, observation: Observation, *, seed: int | None = None) -> FitResult:
+    def forward(
+        self,
+        observation: Observation,
+        *,
+        seed: int | None = None,
+        starts: Variables | None = None,
+        callbacks: Sequence[Callback] = (),
+    ) -> FitResult:
         """Fit B problems.
 
         Args:
             observation: the pictures to explain.
             seed: with the problems' keys it determines every random number, at least 0; drawn from torch's generator
                 by default.
+            starts: values (B · S, \\*shape) of all variables, the S starts of a problem consecutively, instead of those
+                that the initializers set.
+            callbacks: callbacks of this fit only, called after the pipeline's own.
 
         Raises:
-            ValueError: if the observation has no pictures, or lacks a field that an energy compares.
+            ValueError: if the observation has no pictures, or lacks a field that an energy compares, and for starts of
+                other names or shapes.
             FitError: if every start of every problem became NaN or infinite.
         """
         check_observation(observation)
+        check_callbacks(callbacks)
         if seed is not None:
             check_count("seed", seed, 0)
         # `trainer.predict` enables inference mode, in which gradients are not available.
         with torch.inference_mode(False), torch.no_grad():
-            return self._fit(observation.map(lambda tensor: tensor.clone() if tensor.is_inference() else tensor), seed)
+            if any(tensor.is_inference() for tensor in vars(observation).values() if isinstance(tensor, Tensor)):
+                observation = observation.map(Tensor.clone)
+            return self._fit(observation, seed, starts, (*self.callbacks, *callbacks))
 
-    def _fit(self, observation: Observation, seed: int | None) -> FitResult:
+    def _fit(
+        self, observation: Observation, seed: int | None, starts: Variables | None, callbacks: Sequence[Callback]
+    ) -> FitResult:
         if observation.num_problems == 0:
             raise ValueError("observation must hold at least one picture, got none")
         seed = int(torch.randint(2**31, ())) if seed is None else seed
-        device, count = observation.image.device, observation.num_problems
-        problem = torch.arange(count, device=device).repeat_interleave(self.num_starts)
-        start = torch.arange(self.num_starts, device=device).repeat(count)
-        terms: dict[str, Energy | Prior] = dict(self.energies.items())  # type: ignore[arg-type]
-        rank_weights = self.rank_weights or self.weights_at(self.num_steps)
-        objective = Objective(self.generator, terms, rank_weights, observation, self.min_overlap)
-        with torch.autocast(device.type, enabled=False):  # autocast would round the starts
-            proposed = initialize(
-                self.initializers, self.generator.variables, observation.first_views(), self.num_candidates, seed
-            )
-        objective.weights = self.weights_at(0)
-        raw = likeliest(objective, proposed, self.num_candidates, self.num_starts)
-        nothing = raw[next(iter(raw))].new_full((len(problem),), torch.inf)
-        memory = self.optimizer.init(raw, self._seeds(observation, seed))
-        state = FitState(0, self.num_steps, problem, start, raw, {}, nothing, {}, nothing, {}, memory)
-        for callback in self.callbacks:
+        prepared = PreparedTerms(self.generator, self.terms, observation)
+        variables = self.generator.variables
+        if starts is None:
+            proposed = initialize(self.initializers, variables, observation.first_views(), self.num_candidates, seed)
+            raw = likeliest(self._objective(prepared, 0), proposed, self.num_candidates, self.num_starts)
+        else:
+            check_names("starts", starts, variables, complete=True)
+            raw = raw_starts("starts", starts, variables, observation, self.num_starts)
+        memory = self.optimizer.init(raw, row_seeds(observation, self.num_starts, seed))
+        state = first_state(raw, memory, observation.num_problems, self.num_starts, self.num_steps)
+        for callback in callbacks:
             callback.on_start(state)
-        recorder = Recorder(count, self.num_starts, int(self.history))
+        recorder = Recorder(observation.num_problems, self.num_starts, int(self.history))
         for step in range(self.num_steps + 1):
-            objective.weights = self.weights_at(step)
+            objective = self._objective(prepared, step)
             if step < self.num_steps:
-                new, seen, memory = self.optimizer.step(objective, state.raw, state.problem, state.optimizer)
+                new, evaluation, memory = self.optimizer.step(objective, state.raw, state.problem, state.optimizer)
                 check_memory(self.optimizer, memory, len(state.problem))
             else:  # the last iterate is only evaluated
-                new, seen, memory = state.raw, objective(state.raw, state.problem), state.optimizer
-            state = self._advance(state, step, new, seen, memory)
+                new, evaluation, memory = state.raw, objective(state.raw, state.problem), state.optimizer
+            state = advanced(state, step, new, evaluation, memory)
             recorder.record(state)
             state = recorder.drop(state)
-            for callback in self.callbacks:
+            for callback in callbacks:
                 state = callback.on_step(state)
                 check_state(callback, state)
             if len(state.problem) == 0:
                 break
-        result = recorder.result(state, self.selector, objective.num_evaluations)
-        _log.debug("%d steps drew %d pictures; energies %s", step, objective.num_evaluations, result.energy.tolist())
-        for callback in self.callbacks:
+        result = recorder.result(state, self.selector, prepared.num_evaluations)
+        _log.debug("%d steps drew %d pictures; energies %s", step, prepared.num_evaluations, result.energy.tolist())
+        for callback in callbacks:
             callback.on_end(result)
         return result
 
-    def _seeds(self, observation: Observation, seed: int) -> Tensor:
-        keys, starts = observation.keys or (0,) * observation.num_problems, range(self.num_starts)
-        seeds = [mixed_seed(seed, key, f"optimizer/{start}") for key in keys for start in starts]
-        return torch.tensor(seeds, device=observation.image.device)
-
-    def _advance(self, state: FitState, step: int, new: Variables, seen: Evaluation, memory: Any) -> FitState:
-        better = seen.ranking < state.best_energy  # False where the energy is NaN
-        best = {
-            name: value
-            if not state.best_values
-            else torch.where(broadcast_rows(better, value), value, state.best_values[name])
-            for name, value in seen.values.items()
-        }
-        broken = ~(torch.isfinite(seen.energy) & finite(new))
-        return replace(
-            state,
-            step=step,
-            raw=new,
-            values=seen.values,
-            energy=torch.where(broken, torch.nan, seen.energy),
-            terms=seen.terms,
-            best_energy=torch.where(better, seen.ranking, state.best_energy),
-            best_values=best,
-            optimizer=memory,
-        )
+    def _objective(self, prepared: PreparedTerms, step: int) -> Objective:
+        rank_weights = self.rank_weights or self.weights_at(self.num_steps)
+        return Objective(prepared, self.weights_at(step), rank_weights, self.min_overlap)

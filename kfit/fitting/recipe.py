@@ -27,6 +27,7 @@ def recipe_text(pipeline: nn.Module) -> str:
     settings = {p.name: getattr(pipeline, p.name) for p in parameters if p.name != "generator"}
     settings["energies"] = dict(settings["energies"].items())
     settings["initializers"] = [one for one in settings["initializers"] if not _of_model(one)]
+    settings["callbacks"] = list(settings["callbacks"])
     defaults = {p.name: p.default for p in parameters}
     defaults |= {"callbacks": [], "num_candidates": settings["num_starts"]}
     defaults |= {"weights": dict.fromkeys(settings["energies"], 1.0)}
@@ -38,14 +39,14 @@ def recipe_text(pipeline: nn.Module) -> str:
 
 
 def _of_model(initializer: Initializer) -> bool:
-    return type(initializer) is EncoderPosterior and initializer.on == ("code",) and initializer.spread == 1
+    return type(initializer) is EncoderPosterior and initializer.on == ("code",) and initializer.sigma == 1
 
 
 def recipe_of(name: str, value: Any) -> Any:
     """Convert a part to ``{class_path, init_args}``, recursively; plain values are returned unchanged.
 
     Args:
-        name: of the argument, for errors.
+        name: name of the argument, for errors.
         value: a part, or an argument of a part.
 
     Raises:

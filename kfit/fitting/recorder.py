@@ -9,7 +9,7 @@ from kfit.core.check import FitError
 from kfit.core.contracts import Selector
 from kfit.core.result import FitResult, History
 from kfit.core.state import FitState
-from kfit.fitting.check_parts import check_winner
+from kfit.fitting.check_outputs import check_winner
 
 
 class Recorder:

@@ -10,6 +10,7 @@ from torch.nn import functional as F
 
 from kfit.core import Encoder
 from kfit.core.check import check_choice, check_count, check_list
+from kfit.runtime.old_weights import read_old_weights
 
 # Tints of objects differ by about 0.1; this scales them to the size of the other features.
 TINT_GAIN = 10.0
@@ -26,7 +27,7 @@ class ConvEncoder(Encoder):
 
     Args:
         code_dim: D.
-        channels: of each convolution.
+        channels: number of channels of each convolution.
         hidden_dim: units between the linear layers.
         image_size: side of the input pictures.
         tint_grid: cells along each side over which the tint is averaged; 0 omits it.
@@ -53,10 +54,10 @@ class ConvEncoder(Encoder):
         bounded: bool = False,
     ) -> None:
         super().__init__()
-        check_count("ConvEncoder: code_dim", code_dim, 1, 4096)
-        check_list("ConvEncoder: channels", channels, None, check_count, 1, 4096)
-        check_count("ConvEncoder: hidden_dim", hidden_dim, 1, 4096)
-        check_count("ConvEncoder: image_size", image_size, 2 ** len(channels), 1024)
+        check_count("ConvEncoder: code_dim", code_dim)
+        check_list("ConvEncoder: channels", channels, None, check_count)
+        check_count("ConvEncoder: hidden_dim", hidden_dim)
+        check_count("ConvEncoder: image_size", image_size, 2 ** len(channels))
         check_count("ConvEncoder: tint_grid", tint_grid, 0, image_size)
         check_choice("ConvEncoder: instance_norm", instance_norm, (False, True))
         check_choice("ConvEncoder: bounded", bounded, (False, True))
@@ -65,20 +66,21 @@ class ConvEncoder(Encoder):
             layers += [nn.Conv2d(a, b, 3, 2, 1), nn.LeakyReLU(0.2)]
             if index and instance_norm:
                 layers.append(nn.InstanceNorm2d(b))
-        self.look = nn.Sequential(*layers)
+        self.features = nn.Sequential(*layers)
         self.tint_grid, self.bounded = tint_grid, bounded
-        seen = channels[-1] * (image_size // 2 ** len(channels)) ** 2 + 3 * tint_grid**2
+        size = channels[-1] * (image_size // 2 ** len(channels)) ** 2 + 3 * tint_grid**2
         last = nn.Linear(hidden_dim, 2 * code_dim)
         nn.init.constant_(last.bias[code_dim:], FIRST_LOG_VARIANCE)
-        self.say = nn.Sequential(nn.Linear(seen, hidden_dim), nn.LeakyReLU(0.2), last)
+        self.output = nn.Sequential(nn.Linear(size, hidden_dim), nn.LeakyReLU(0.2), last)
+        read_old_weights(self)
 
     def forward(self, image: Tensor) -> tuple[Tensor, Tensor]:
         """Return mean and log-variance (N, D) of the code, from RGB (N, 3, S, S) in [0, 1] on white."""
-        features = self.look(2 * image - 1).flatten(1)
+        features = self.features(2 * image - 1).flatten(1)
         if self.tint_grid:
             tint = F.adaptive_avg_pool2d(image - image.mean(1, keepdim=True), self.tint_grid)
             features = torch.cat([features, (TINT_GAIN * tint).flatten(1).to(features.dtype)], 1)
-        said = self.say(features).tanh() if self.bounded else self.say(features)
+        output = self.output(features).tanh() if self.bounded else self.output(features)
         # Half precision, under autocast, is too coarse for the code's mean.
-        mean, log_variance = said.to(torch.promote_types(said.dtype, torch.float32)).chunk(2, 1)
+        mean, log_variance = output.to(torch.promote_types(output.dtype, torch.float32)).chunk(2, 1)
         return mean, log_variance

@@ -25,8 +25,8 @@ class ExtentsHead(nn.Module):
 
     def __init__(self, code_dim: int = 16, hidden_dim: int = 64) -> None:
         super().__init__()
-        check_count("ExtentsHead: code_dim", code_dim, 1, 4096)
-        check_count("ExtentsHead: hidden_dim", hidden_dim, 1, 4096)
+        check_count("ExtentsHead: code_dim", code_dim)
+        check_count("ExtentsHead: hidden_dim", hidden_dim)
         self.layers = nn.Sequential(nn.Linear(code_dim, hidden_dim), nn.LeakyReLU(0.2), nn.Linear(hidden_dim, 3))
 
     def forward(self, code: Tensor) -> Tensor:

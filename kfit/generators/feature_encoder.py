@@ -10,6 +10,7 @@ from kfit.core import Encoder
 from kfit.core.check import check_count
 from kfit.features import EfficientNetLite0, FeatureNetwork
 from kfit.generators.encoder import FIRST_LOG_VARIANCE, TINT_GAIN
+from kfit.runtime.old_weights import read_old_weights
 
 # Features and colours are averaged over grids of these sides.
 FEATURE_GRID, COLOR_GRID = 4, 8
@@ -46,9 +47,9 @@ class FeatureEncoder(Encoder):
         hidden_dim: int = 256,
     ) -> None:
         super().__init__()
-        check_count("FeatureEncoder: code_dim", code_dim, 1, 4096)
-        check_count("FeatureEncoder: feature_dim", feature_dim, 1, 4096)
-        check_count("FeatureEncoder: hidden_dim", hidden_dim, 2, 4096)
+        check_count("FeatureEncoder: code_dim", code_dim)
+        check_count("FeatureEncoder: feature_dim", feature_dim)
+        check_count("FeatureEncoder: hidden_dim", hidden_dim, 2)
         self.features = features or EfficientNetLite0((2, 5, 7))
         with torch.no_grad():
             widths = [
@@ -57,8 +58,9 @@ class FeatureEncoder(Encoder):
         self.reduce = nn.ModuleList(nn.Conv2d(width, feature_dim, 1) for width in widths)
         self.shape = nn.Linear(len(widths) * feature_dim * FEATURE_GRID**2, hidden_dim // 2)
         self.color = nn.Linear(4 * COLOR_GRID**2, hidden_dim - hidden_dim // 2)
-        self.say = nn.Linear(hidden_dim, 2 * code_dim)
-        nn.init.constant_(self.say.bias[code_dim:], FIRST_LOG_VARIANCE)
+        self.output = nn.Linear(hidden_dim, 2 * code_dim)
+        nn.init.constant_(self.output.bias[code_dim:], FIRST_LOG_VARIANCE)
+        read_old_weights(self)
 
     def forward(self, image: Tensor) -> tuple[Tensor, Tensor]:
         """Return mean and log-variance (N, D) of the code, from RGB (N, 3, S, S) in [0, 1] on white."""
@@ -70,7 +72,7 @@ class FeatureEncoder(Encoder):
         colors = torch.cat([2 * light - 1, TINT_GAIN * (image - light)], 1)
         colors = F.adaptive_avg_pool2d(colors, COLOR_GRID).flatten(1)
         hidden = torch.cat([self.shape(torch.cat(pooled, 1)), self.color(colors)], 1)
-        said = self.say(F.leaky_relu(hidden, 0.2))
+        output = self.output(F.leaky_relu(hidden, 0.2))
         # Half precision, under autocast, is too coarse for the code's mean.
-        mean, log_variance = said.to(torch.promote_types(said.dtype, torch.float32)).chunk(2, 1)
+        mean, log_variance = output.to(torch.promote_types(output.dtype, torch.float32)).chunk(2, 1)
         return mean, log_variance

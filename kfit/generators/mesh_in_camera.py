@@ -64,7 +64,7 @@ class MeshInCamera(Generator):
         num_points: int = 8192,
     ) -> None:
         super().__init__()
-        check_list("MeshInCamera: image_size", image_size, 2, check_count, 1, 8192)
+        check_list("MeshInCamera: image_size", image_size, 2, check_count)
         self.variables = {"rotation": Variable((3, 3), SO3()), "translation": Variable((3,))}
         self.image_size = (image_size[0], image_size[1])
         self.surface = SurfacePoints("MeshInCamera", vertices, faces, uv, texture, num_points)

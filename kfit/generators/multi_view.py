@@ -57,7 +57,7 @@ class MultiView(Generator):
         super().__init__()
         if missing := [name for name in PLACING if name not in generator.variables]:
             raise ValueError(f"MultiView: the generator must have {', '.join(PLACING)}; it lacks {', '.join(missing)}")
-        check_count("MultiView: image_size", image_size, 1, 4096)
+        check_count("MultiView: image_size", image_size)
         check_range("MultiView: unit_fraction", unit_fraction, 0.1, 10.0)
         self.generator, self.image_size, self.unit_fraction = generator, image_size, unit_fraction
         self.variables = {**generator.variables, "diagonal": Variable((), Positive())}

@@ -48,8 +48,8 @@ class OnnxGenerator(Generator):
         options.intra_op_num_threads = torch.get_num_threads()
         try:
             self.session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
-            said = json.loads(self.session.get_modelmeta().custom_metadata_map["kfit_variables"])
-            self.variables = {name: _variable(**words) for name, words in said.items()}
+            described = json.loads(self.session.get_modelmeta().custom_metadata_map["kfit_variables"])
+            self.variables = {name: _variable(**words) for name, words in described.items()}
         except Exception as error:
             reason = " ".join(str(error).split()) or type(error).__name__
             raise ValueError(f"{path} is no generator that `kfit export` wrote: {reason}") from None

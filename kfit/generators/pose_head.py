@@ -10,10 +10,11 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from kfit.core.check import check_choice, check_count, check_list, check_range, check_rising
-from kfit.generators.rotation_head import _bins, _convolution, _Residual
-from kfit.geometry import Symmetry
+from kfit.core.check import check_count, check_list, check_range, check_rising
+from kfit.generators.rotation_head import _bins, _convolution, _Residual, azimuth_bins
+from kfit.geometry import Symmetry, check_symmetry
 from kfit.geometry.pose_network import PoseNetwork
+from kfit.runtime.old_weights import read_old_weights
 
 
 class PoseHead(PoseNetwork):
@@ -24,12 +25,13 @@ class PoseHead(PoseNetwork):
     multiply-adds a picture.
 
     Args:
-        symmetry: of the category, see `kfit.geometry.CATEGORIES`; with ``"y"`` azimuth is free and has one bin.
-        channels: of the convolutions, one at each size.
+        symmetry: symmetry of the category, see `kfit.geometry.CATEGORIES`; with ``"y"`` azimuth is free and has one
+            bin.
+        channels: numbers of channels of the convolutions, one at each size.
         hidden_dim: units between the linear layers.
         bin_deg: width of a bin in degrees.
         elevation_deg: (low, high) of the valid poses in degrees.
-        spread_deg: standard deviation of a target around the true pose in degrees.
+        sigma_deg: standard deviation of a target around the true pose in degrees.
         image_size: side of the input pictures in pixels.
 
     Raises:
@@ -49,34 +51,34 @@ class PoseHead(PoseNetwork):
         hidden_dim: int = 256,
         bin_deg: float = 10.0,
         elevation_deg: tuple[float, float] = (-15.0, 75.0),
-        spread_deg: float = 6.0,
+        sigma_deg: float = 6.0,
         image_size: int = 64,
     ) -> None:
-        check_choice("PoseHead: symmetry", symmetry, ("none", "y"))
-        check_list("PoseHead: channels", channels, None, check_count, 4, 4096)
-        check_count("PoseHead: hidden_dim", hidden_dim, 1, 4096)
-        check_count("PoseHead: image_size", image_size, 2 ** len(channels), 1024)
+        check_symmetry("PoseHead: symmetry", symmetry)
+        check_list("PoseHead: channels", channels, None, check_count, 4)
+        check_count("PoseHead: hidden_dim", hidden_dim)
+        check_count("PoseHead: image_size", image_size, 2 ** len(channels))
         check_range("PoseHead: bin_deg", bin_deg, 1, 90)
-        check_range("PoseHead: spread_deg", spread_deg, 0.1, 90)
+        check_range("PoseHead: sigma_deg", sigma_deg, 0.1, 90)
         check_rising("PoseHead: elevation_deg", elevation_deg, -90, 90)
         low, high = elevation_deg
         super().__init__(
             rolls=torch.zeros(1),
-            azimuths=_bins(-180, 180, 1 if symmetry == "y" else round(360 / bin_deg)),
+            azimuths=azimuth_bins(symmetry, bin_deg),
             elevations=_bins(low, high, max(1, round((high - low) / bin_deg))),
             symmetry=symmetry,
-            sigma=math.radians(spread_deg),
+            sigma=math.radians(sigma_deg),
         )
-        self.look = nn.Sequential(_convolution(3, channels[0], 2))
+        self.features = nn.Sequential(_convolution(3, channels[0], 2))
         for a, b in pairwise(channels):
-            self.look.extend([_convolution(a, b, 2), _Residual(b)])
-        seen = channels[-1] * (image_size // 2 ** len(channels)) ** 2
+            self.features.extend([_convolution(a, b, 2), _Residual(b)])
+        size = channels[-1] * (image_size // 2 ** len(channels)) ** 2
         bins = self.num_azimuths * self.num_elevations
-        self.say = nn.Sequential(nn.Linear(seen, hidden_dim), nn.LeakyReLU(0.2), nn.Linear(hidden_dim, bins))
+        self.output = nn.Sequential(nn.Linear(size, hidden_dim), nn.LeakyReLU(0.2), nn.Linear(hidden_dim, bins))
+        read_old_weights(self)
 
     def forward(self, image: Tensor) -> Tensor:
-        said = self.say(self.look(2 * image - 1).flatten(1))
-        said = said.to(
-            torch.promote_types(said.dtype, torch.float32)
-        )  # half precision, under autocast, is too coarse for a logarithm
-        return F.log_softmax(said, 1)
+        output = self.output(self.features(2 * image - 1).flatten(1))
+        # Autocast's halves are too coarse for a logarithm.
+        output = output.to(torch.promote_types(output.dtype, torch.float32))
+        return F.log_softmax(output, 1)

@@ -43,17 +43,17 @@ class RayMarch:
         with torch.no_grad():
             density = F.grid_sample(volume[:, 3:].contiguous(), self._points()[1], align_corners=False)
             among = _shares(self._optical(density[:, 0], self.step[:, None]))
-            seen = (among > MIN_SAMPLE_WEIGHT).flatten().nonzero()[:, 0]
+            visible = (among > MIN_SAMPLE_WEIGHT).flatten().nonzero()[:, 0]
         rows, _, height, width = among.shape
-        row, pixel = seen // among[0].numel(), seen % (height * width)
+        row, pixel = visible // among[0].numel(), visible % (height * width)
         ray = row * (height * width) + pixel
-        number = seen // (height * width) % self.num_samples
+        number = visible // (height * width) % self.num_samples
         step = self.step.flatten()[ray]
         depth = self.near.flatten()[ray] + (number.to(step) + 0.5) * step
         point = self.past.flatten(0, 2)[ray] + depth[:, None] * self.along.flatten(0, 2)[ray]
         raw = _sampled(volume, row, point)
-        thickness = torch.zeros_like(among).flatten().index_put((seen,), self._optical(raw[3], step))
-        share = _shares(thickness.view_as(among)).flatten()[seen]
+        thickness = torch.zeros_like(among).flatten().index_put((visible,), self._optical(raw[3], step))
+        share = _shares(thickness.view_as(among)).flatten()[visible]
         parts = torch.cat([share * torch.sigmoid(raw[:3]), share[None], (share * depth)[None]])
         sums = parts.new_zeros(5, rows * height * width).index_add(1, ray, parts)
         colour, mask, far = sums.view(5, rows, height, width).transpose(0, 1).split([3, 1, 1], 1)

@@ -11,6 +11,7 @@ from torch.nn import functional as F
 
 from kfit.core import Rendering
 from kfit.generators.adain import AdaIN
+from kfit.runtime.old_weights import read_old_weights
 
 # Colours and masks are kept this far from 0 and 1, where logits are infinite.
 MARGIN = 1e-3
@@ -30,11 +31,12 @@ class Refinement(nn.Module):
 
     def __init__(self, code_dim: int, dims: Sequence[int] = (32, 32)) -> None:
         super().__init__()
-        self.look = nn.ModuleList(nn.Conv2d(a, b, 3, 1, 1) for a, b in pairwise((5, *dims)))
+        self.features = nn.ModuleList(nn.Conv2d(a, b, 3, 1, 1) for a, b in pairwise((5, *dims)))
         self.styles = nn.ModuleList(AdaIN(dim, code_dim) for dim in dims)
-        self.say = nn.Conv2d(dims[-1], 4, 3, 1, 1)
-        nn.init.normal_(self.say.weight, std=1e-3)
-        nn.init.zeros_(self.say.bias)  # type: ignore[arg-type]
+        self.output = nn.Conv2d(dims[-1], 4, 3, 1, 1)
+        nn.init.normal_(self.output.weight, std=1e-3)
+        nn.init.zeros_(self.output.bias)  # type: ignore[arg-type]
+        read_old_weights(self)
 
     def style(self, code: Tensor) -> Tensor:
         """Return the styles (N, 2 · sum(dims)) of all layers for codes (N, D)."""
@@ -45,10 +47,10 @@ class Refinement(nn.Module):
         assert drawn.mask is not None
         assert drawn.depth is not None
         before = torch.cat([drawn.image, drawn.mask], 1)
-        seen = torch.cat([before, drawn.depth], 1)
+        hidden = torch.cat([before, drawn.depth], 1)
         styles = style.split([layer.affine.out_features for layer in self.styles], 1)  # type: ignore[misc, union-attr]
-        for look, layer, said in zip(self.look, self.styles, styles, strict=True):
-            seen = F.leaky_relu(layer(look(seen), said), 0.2)
-        residual = self.say(seen).to(before.dtype)
+        for convolution, layer, part in zip(self.features, self.styles, styles, strict=True):
+            hidden = F.leaky_relu(layer(convolution(hidden), part), 0.2)
+        residual = self.output(hidden).to(before.dtype)
         image, mask = torch.sigmoid(torch.logit(before, MARGIN) + residual).split([3, 1], 1)
         return Rendering(image, mask, drawn.depth)

@@ -100,7 +100,7 @@ class Template(Generator):
         check_choice("light", light, (False, True))
         check_count("oversampling", oversampling, 1, 16)
         check_range("fill", fill)
-        check_list("control", control, 2, check_count, 2, 4096)
+        check_list("control", control, 2, check_count, 2)
         mask = torch.ones_like(picture[..., :1, :, :]) if mask is None else mask
         check_shape("mask", mask, tuple(picture[..., :1, :, :].shape))
         picture, mask = (picture[None], mask[None]) if single else (picture, mask)
@@ -140,7 +140,7 @@ class Template(Generator):
         """Return the positions (N, H, W, 2), as (x, y) in template pixels, that the drawing samples.
 
         Args:
-            values: of the motion's variables, (N, \\*shape) each.
+            values: values of the motion's variables, (N, \\*shape) each.
         """
         with torch.autocast(self.pixels.device.type, enabled=False):
             if self.motion not in BENDING:
@@ -152,7 +152,7 @@ class Template(Generator):
         """Return matrices (N, 3, 3) from the template's pixels to the drawing's, pixel centres at integers.
 
         Args:
-            values: of the motion's variables, (N, \\*shape) each.
+            values: values of the motion's variables, (N, \\*shape) each.
 
         Raises:
             ValueError: if the motion is non-rigid, which is not a matrix.

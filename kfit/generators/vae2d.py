@@ -43,10 +43,8 @@ class VAE2D(Generator):
         self, code_dim: int = 16, decoder_dims: Sequence[int] = (256, 256, 256, 128, 64), depth: bool = False
     ) -> None:
         super().__init__()
-        check_count("VAE2D: code_dim", code_dim, 1, 4096)
-        check_list("VAE2D: decoder_dims", decoder_dims, None, check_count, 1, 4096)
-        # Pictures of 1024 pixels a side.
-        check_count("VAE2D: number of decoder_dims", len(decoder_dims), 1, 9)
+        check_count("VAE2D: code_dim", code_dim)
+        check_list("VAE2D: decoder_dims", decoder_dims, None, check_count)
         check_choice("VAE2D: depth", depth, (False, True))
         self.variables = {
             "code": Variable((code_dim,)),
@@ -62,13 +60,13 @@ class VAE2D(Generator):
 
     def forward(self, **values: Tensor) -> Rendering:
         angles = torch.stack([values["azimuth"], values["elevation"]], 1)
-        told = torch.cat([values["code"], angles.sin(), angles.cos()], 1)
-        styles = [layer.style(told) for layer in self.styles]  # type: ignore[operator]
-        picture = self.constant.expand(told.shape[0], *self.constant.shape[1:])
+        inputs = torch.cat([values["code"], angles.sin(), angles.cos()], 1)
+        styles = [layer.style(inputs) for layer in self.styles]  # type: ignore[operator]
+        picture = self.constant.expand(inputs.shape[0], *self.constant.shape[1:])
         picture = F.leaky_relu(self.styles[0](picture, styles[0]), 0.2)
         for index, decode in enumerate(self.decode, 1):
             picture = F.leaky_relu(self.styles[index](decode(picture), styles[index]), 0.2)
         channels = self.draw(picture)
         channels = channels.to(torch.promote_types(channels.dtype, torch.float32))
-        seen = torch.sigmoid(channels[:, :4])
-        return Rendering(seen[:, :3], seen[:, 3:], channels[:, 4:] if self.draws_depth else None)
+        drawn = torch.sigmoid(channels[:, :4])
+        return Rendering(drawn[:, :3], drawn[:, 3:], channels[:, 4:] if self.draws_depth else None)

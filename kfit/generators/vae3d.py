@@ -57,13 +57,10 @@ class VAE3D(Generator):
         mask: bool = True,
     ) -> None:
         super().__init__()
-        check_count("VAE3D: code_dim", code_dim, 1, 4096)
-        check_list("VAE3D: volume_dims", volume_dims, None, check_count, 1, 4096)
-        check_count("VAE3D: number of volume_dims", len(volume_dims), 1, 6)
-        check_count("VAE3D: projection_dim", projection_dim, 1, 4096)
-        check_list("VAE3D: decoder_dims", decoder_dims, None, check_count, 1, 4096)
-        # Pictures of 1024 pixels a side.
-        check_count("VAE3D: number of decoder_dims", len(decoder_dims), 1, 9 - len(volume_dims))
+        check_count("VAE3D: code_dim", code_dim)
+        check_list("VAE3D: volume_dims", volume_dims, None, check_count)
+        check_count("VAE3D: projection_dim", projection_dim)
+        check_list("VAE3D: decoder_dims", decoder_dims, None, check_count)
         for name, switch in {"rectified": rectified, "depth": depth, "mask": mask}.items():
             check_choice(f"VAE3D: {name}", switch, (False, True))
         self.variables = {

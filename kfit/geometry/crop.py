@@ -30,7 +30,7 @@ class Crop:
     Attributes:
         centre: (x, y) in pixels of the photo; fractions are allowed.
         side: in pixels of the photo.
-        size: of the picture in its own pixels.
+        size: size of the picture in its own pixels.
 
     Raises:
         TypeError, ValueError: if a number is not finite, or ``side`` or ``size`` is not above 0.
@@ -62,7 +62,7 @@ class Crop:
 
         Args:
             mask: (H, W) array or tensor, above 1/2 on the object.
-            size: of the picture.
+            size: size of the picture.
 
         Raises:
             ValueError: if the mask is empty or has another shape.
@@ -130,11 +130,11 @@ class Crop:
         samples = warp_affine(pixels, to_fine, (fine.size, fine.size), align_corners=True)
         picture = avg_pool2d(samples, finer)
         alpha = picture[:, 3:4].clamp(0, 1)
-        seen = (picture[:, :3] + 1 - alpha).clamp(0, 1)
+        composite = (picture[:, :3] + 1 - alpha).clamp(0, 1)
         if depth is None:
-            return Observation(seen, alpha)
+            return Observation(composite, alpha)
         away, known = picture[:, 4:5], picture[:, 5:6]
-        return Observation(seen, alpha, torch.where(known > LEAST_KNOWN, away / known, math.nan))
+        return Observation(composite, alpha, torch.where(known > LEAST_KNOWN, away / known, math.nan))
 
 
 def _bounds(mask: Tensor) -> tuple[int, int, int, int]:

@@ -14,15 +14,15 @@ from kfit.core.check import check_range, check_text
 class EncoderPosterior(Initializer):
     """Draw the code from the Gaussian that an encoder predicts for the observed picture (paper, section 3.3).
 
-    z = μ(I) + spread · σ(I) · ε, ε ~ N(0, 1); the first start of each problem takes the mean.
+    z = μ(I) + sigma · σ(I) · ε, ε ~ N(0, 1); the first start of each problem takes the mean.
 
     Args:
         encoder: image (B, C, H, W) → mean and log-variance, (B, D) each.
         on: name of the variable.
-        spread: factor of the standard deviation; 0 starts all rows at the mean.
+        sigma: factor of the standard deviation; 0 starts all rows at the mean.
 
     Raises:
-        ValueError: if ``spread`` is below 0.
+        ValueError: if ``sigma`` is below 0.
 
     Example:
         >>> import torch
@@ -35,10 +35,10 @@ class EncoderPosterior(Initializer):
         torch.Size([4, 8])
     """
 
-    def __init__(self, encoder: Encoder, on: str = "code", spread: float = 1.0) -> None:
+    def __init__(self, encoder: Encoder, on: str = "code", sigma: float = 1.0) -> None:
         check_text("EncoderPosterior: on", on)
-        check_range("EncoderPosterior: spread", spread, 0)
-        self.encoder, self.on, self.spread = frozen(encoder), (on,), spread
+        check_range("EncoderPosterior: sigma", sigma, 0)
+        self.encoder, self.on, self.sigma = frozen(encoder), (on,), sigma
 
     def __call__(
         self,
@@ -50,7 +50,7 @@ class EncoderPosterior(Initializer):
         with torch.no_grad():
             mean, log_variance = self.encoder(observation.image)
         noise = torch.stack([self._noise(num_starts, mean.shape[1], rng) for rng in rngs]).to(mean)
-        codes = mean[:, None] + self.spread * (0.5 * log_variance[:, None]).exp() * noise
+        codes = mean[:, None] + self.sigma * (0.5 * log_variance[:, None]).exp() * noise
         return {self.on[0]: codes.flatten(0, 1)}
 
     @staticmethod

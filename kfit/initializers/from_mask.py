@@ -39,15 +39,15 @@ class FromMask(Initializer):
         num_starts: int,
         rngs: Sequence[torch.Generator],
     ) -> Variables:
-        seen = observation.field("mask")[:, 0] > 0.5
-        width = seen.shape[2]
-        right, up = _middle(seen.any(1)) / (width / 2), -_middle(seen.any(2)) / (width / 2)
+        inside = observation.field("mask")[:, 0] > 0.5
+        width = inside.shape[2]
+        right, up = _middle(inside.any(1)) / (width / 2), -_middle(inside.any(2)) / (width / 2)
         shift = torch.stack([right, up], 1).to(observation.image)
         return {"shift": shift.repeat_interleave(num_starts, 0)}
 
 
-def _middle(seen: Tensor) -> Tensor:
+def _middle(inside: Tensor) -> Tensor:
     """Return the middle (N,) between the first and the last set pixel of (N, L), in pixels from the centre."""
-    length = seen.shape[1]
-    first, last = seen.int().argmax(1), length - 1 - seen.int().flip(1).argmax(1)
-    return torch.where(seen.any(1), (first + last + 1 - length) / 2, 0.0)
+    length = inside.shape[1]
+    first, last = inside.int().argmax(1), length - 1 - inside.int().flip(1).argmax(1)
+    return torch.where(inside.any(1), (first + last + 1 - length) / 2, 0.0)

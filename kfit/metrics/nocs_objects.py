@@ -74,11 +74,11 @@ def truths_of(result: Mapping[str, Any], category: Category) -> Truths:
     poses = _array(result, "gt_RTs", (len(ids), 4, 4))
     _check_last_rows(result, "gt_RTs", poses)
     sizes = _array(result, "gt_scales", (len(ids), 3))
-    seen: Array = np.ones(len(ids))
+    visible: Array = np.ones(len(ids))
     if result.get("gt_handle_visibility") is not None:
-        seen = _array(result, "gt_handle_visibility", (len(ids),))
+        visible = _array(result, "gt_handle_visibility", (len(ids),))
     rows = ids == category.nocs_id
-    symmetric = [nocs_symmetry(category.name, value != 0) == "y" for value in seen[rows]]
+    symmetric = [nocs_symmetry(category.name, value != 0) == "y" for value in visible[rows]]
     return Truths(poses[rows], sizes[rows], np.array(symmetric, bool))
 
 
@@ -86,8 +86,8 @@ def predictions_of(result: Mapping[str, Any], category: Category, poses: str = "
     """Return the predictions of a category by decreasing score; a pose that is all 0 or not finite is no pose.
 
     Args:
-        result: of one image.
-        category: of the predictions.
+        result: result of one image.
+        category: category of the predictions.
         poses: key of the poses.
 
     Raises:

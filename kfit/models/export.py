@@ -25,7 +25,7 @@ OPSET = 20  # the first with GridSample of volumes
 def export_model(model: CategoryModel, folder: Path, on_file: Callable[[int], None] = lambda done: None) -> list[Path]:
     """Write ``generator.onnx``, ``encoder.onnx`` and ``features.onnx``, the network of the model's own fit.
 
-    ``on_file`` is told how many are written.
+    ``on_file`` is called with the number of written files.
     See `export_generator`, `export_encoder` and `export_features`.
     """
     paths = [folder / f"{name}.onnx" for name in ("generator", "encoder", "features")]
@@ -44,27 +44,27 @@ def export_model(model: CategoryModel, folder: Path, on_file: Callable[[int], No
 def export_generator(generator: Generator, path: Path) -> None:
     """Write a generator as ONNX: variables in (N, \\*shape), ``image``, ``mask`` and ``depth`` out, N free.
 
-    Any generator serves, a `SimilarityWarp` too. The file tells the variables, so that
+    Any generator works, a `SimilarityWarp` too. The file has the variables, so that
     `kfit.generators.OnnxGenerator` can be fitted.
 
     Raises:
         ImportError: without the package onnxscript.
-        ValueError: for a variable in a space of somebody else's.
+        ValueError: if a variable has a custom space.
     """
-    said = {}
+    described = {}
     for name, variable in generator.variables.items():
         if type(variable.space) not in (Real, Positive, Bounded, Angle):
             raise ValueError(
-                f"{name!r} lives in the space {type(variable.space).__name__}, which no ONNX file can tell"
+                f"{name!r} lives in the space {type(variable.space).__name__}, which ONNX files cannot store"
             )
         kind, settings = type(variable.space).__name__, asdict(variable.space)  # type: ignore[call-overload]
-        said[name] = {"shape": variable.shape, "space": kind, "settings": settings}
+        described[name] = {"shape": variable.shape, "space": kind, "settings": settings}
     # Two rows: with one, the exporter takes what depends on N for fixed.
     raw = {name: 0.1 * torch.ones(2, *variable.shape) for name, variable in generator.variables.items()}
     example = tuple(generator.variables[name].space.to_value(value) for name, value in raw.items())
     drawing = _Drawing(frozen(generator))
     names = drawing.fields_of(*example)
-    _write(drawing, example, list(said), names, path, {"kfit_variables": json.dumps(said)})
+    _write(drawing, example, list(described), names, path, {"kfit_variables": json.dumps(described)})
 
 
 def export_encoder(encoder: Encoder, path: Path, image_size: int) -> None:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from numpy.typing import NDArray
 from torch import Tensor
 
+from kfit.core import Callback
 from kfit.fitting.pipeline import FitPipeline
 from kfit.models.load import load
 from kfit.pose import CategoryModel, PoseResult
@@ -26,6 +27,7 @@ def find_poses(
     box: Box | None = None,
     intrinsics: NDArray[Any] | Tensor | None = None,
     depth: NDArray[Any] | None = None,
+    ignore: NDArray[Any] | None = None,
     segmenter: str | Path | Segmenter | None = None,
     seed: int = 0,
 ) -> list[PoseResult]:
@@ -42,6 +44,7 @@ def find_poses(
         box: left, top, width, height in pixels around one object.
         intrinsics: (3, 3) of the camera; by the file's EXIF tags, or a view of 60°, by default.
         depth: (H, W) in metres along the camera's axis; values that are not finite and above 0 are unknown.
+        ignore: (H, W), above one half of its full scale where pixels do not count, as something else hides an object.
         segmenter: your own network for the masks, as an ONNX file or a `kfit.segmentation.Segmenter`.
         seed: determines the random numbers.
 
@@ -66,7 +69,10 @@ def find_poses(
     name = category if not isinstance(category, CategoryModel) else category.card.category
     known = load_segmenter(segmenter) if isinstance(segmenter, str | Path) else segmenter
     targets = find_targets(photo, name, mask, box, known)
-    return [pose_of(model or load(target.category), photo, target, intrinsics, depth, seed=seed) for target in targets]
+    return [
+        pose_of(model or load(target.category), photo, target, intrinsics, depth, seed, ignore=ignore)
+        for target in targets
+    ]
 
 
 def pose_of(
@@ -76,11 +82,21 @@ def pose_of(
     intrinsics: NDArray[Any] | Tensor | None = None,
     depth: NDArray[Any] | None = None,
     seed: int = 0,
-    pipeline: Callable[[CategoryModel], FitPipeline] | None = None,
+    pipeline: FitPipeline | None = None,
+    callbacks: Sequence[Callback] = (),
+    ignore: NDArray[Any] | None = None,
 ) -> PoseResult:
-    """Return the pose of one object; ``pipeline`` builds another fit than the model's own."""
-    fit = None if pipeline is None else pipeline(model)
-    answer = model.pose(photo, intrinsics=intrinsics, depth=depth, segmenter=target, seed=seed, pipeline=fit)
+    """The pose of one object that was found; arguments as those of `kfit.pose.CategoryModel.pose`."""
+    answer = model.pose(
+        photo,
+        intrinsics=intrinsics,
+        depth=depth,
+        ignore=ignore,
+        segmenter=target,
+        seed=seed,
+        pipeline=pipeline,
+        callbacks=callbacks,
+    )
     return with_score(answer, target)
 
 
@@ -94,4 +110,4 @@ def pose_in_views(
 ) -> PoseResult:
     """The pose of one object that was found in each of several photos, in the first one's camera."""
     answer = model.pose(photos, intrinsics=intrinsics, relative_poses=relative_poses, segmenter=targets, seed=seed)
-    return with_score(answer, min(targets, key=lambda target: target.score))
+    return with_score(answer, min(targets, key=lambda target: 1.0 if target.score is None else target.score))

@@ -153,8 +153,8 @@ def _in_nocs_axes(volume: Tensor) -> Tensor:
 
 def _encoder(theirs: dict[str, Tensor]) -> dict[str, Tensor]:
     ours: dict[str, Tensor] = {}
-    names = {f"look.{name.removeprefix('model.')}": name for name in CONVOLUTIONS}
-    names |= {f"say.{name.removeprefix('enc_out.')}": name for name in LINEARS}
+    names = {f"features.{name.removeprefix('model.')}": name for name in CONVOLUTIONS}
+    names |= {f"output.{name.removeprefix('enc_out.')}": name for name in LINEARS}
     for own, name in names.items():
         weight = theirs[f"{name}.weight_orig"]
         sigma = theirs[f"{name}.weight_u"] @ weight.flatten(1) @ theirs[f"{name}.weight_v"]

@@ -66,13 +66,12 @@ class Adam(Optimizer):
     def step(
         self, evaluate: Evaluate, raw: Variables, problem: Tensor, memory: Any
     ) -> tuple[Variables, Evaluation, Any]:
-        seen = evaluate(raw, problem, need="gradient")
-        assert seen.gradient is not None  # asked for one line above
+        evaluation = evaluate(raw, problem, need="gradient")
         rates = self.rates if isinstance(self.rates, dict) else dict.fromkeys(raw, self.rates)
         share = self.decay ** memory["count"]
         fallen = {name: rate * share for name, rate in rates.items()}
-        step, memory = adam_step(seen.gradient, memory, fallen, self.betas)
-        return evaluate.retract(raw, step), seen, memory
+        step, memory = adam_step(evaluation.gradient, memory, fallen, self.betas)
+        return evaluate.retract(raw, step), evaluation, memory
 
 
 def check_betas(betas: tuple[float, float]) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from kfit.core import Evaluate, Evaluation, Optimizer, Rendering, Variables
+from kfit.core import Evaluate, Evaluation, GradientEvaluation, Optimizer, Rendering, Variables
 from kfit.core.check import check_positive
 from kfit.optimizers.adam import adam_step, check_betas, moments
 from kfit.optimizers.random import normal
@@ -58,23 +58,22 @@ class AutoAdam(Optimizer):
     def step(
         self, evaluate: Evaluate, raw: Variables, problem: Tensor, memory: Any
     ) -> tuple[Variables, Evaluation, Any]:
-        seen = evaluate(raw, problem, need="gradient")
-        assert seen.gradient is not None  # asked for one line above
+        evaluation = evaluate(raw, problem, need="gradient")
         rates = memory["rates"]
         if not bool(memory["measured"].all()):
-            rates = self._rates(evaluate, raw, problem, seen, memory["seed"])
-        step, held = adam_step(seen.gradient, memory["moments"], rates, self.betas)
+            rates = self._rates(evaluate, raw, problem, evaluation, memory["seed"])
+        step, held = adam_step(evaluation.gradient, memory["moments"], rates, self.betas)
         measured = torch.ones_like(memory["measured"])
         return (
             evaluate.retract(raw, step),
-            seen,
+            evaluation,
             {"moments": held, "seed": memory["seed"], "rates": rates, "measured": measured},
         )
 
     def _rates(
-        self, evaluate: Evaluate, raw: Variables, problem: Tensor, seen: Evaluation, seeds: Tensor
+        self, evaluate: Evaluate, raw: Variables, problem: Tensor, evaluation: GradientEvaluation, seeds: Tensor
     ) -> dict[str, Tensor]:
-        before, rates = _picture(seen.rendering), {}
+        before, rates = _picture(evaluation.rendering), {}
         length = torch.finfo(before.dtype).eps ** (1 / 3)
         for number, (name, tensor) in enumerate(raw.items()):
             signs = normal(seeds + number, tensor.shape[1:], tensor).sign()

@@ -23,11 +23,11 @@ class CMAES(Optimizer):
     seed.
 
     Args:
-        spread: initial standard deviation in raw units, one for all variables or one for each.
+        sigma: initial standard deviation in raw units, one for all variables or one for each.
         population: pictures a step and row; by default 4 + ⌊3 ln P⌋ for P numbers.
 
     Raises:
-        ValueError: if a spread is not above 0, the population is below 4 or, when a fit starts, the names differ from
+        ValueError: if a sigma is not above 0, the population is below 4 or, when a fit starts, the names differ from
             the generator's variables.
 
     Example:
@@ -46,20 +46,20 @@ class CMAES(Optimizer):
         tensor(0.1900)
     """
 
-    def __init__(self, spread: float | dict[str, float] = 0.1, population: int | None = None) -> None:
-        if isinstance(spread, dict):
-            check_dict("CMAES: spread", spread, check_positive)
+    def __init__(self, sigma: float | dict[str, float] = 0.1, population: int | None = None) -> None:
+        if isinstance(sigma, dict):
+            check_dict("CMAES: sigma", sigma, check_positive)
         else:
-            check_positive("CMAES: spread", spread)
+            check_positive("CMAES: sigma", sigma)
         if population is not None:
-            check_count("CMAES: population", population, 4, 10_000)
-        self.spread, self.population = spread, population
+            check_count("CMAES: population", population, 4)
+        self.sigma, self.population = sigma, population
 
     def init(self, raw: Variables, seeds: Tensor) -> Any:
-        if isinstance(self.spread, dict):
-            check_names("spread", self.spread, raw, complete=True)
-        spread = self.spread if isinstance(self.spread, dict) else dict.fromkeys(raw, self.spread)
-        widths = flatten({name: torch.full_like(tensor, spread[name]) for name, tensor in raw.items()})
+        if isinstance(self.sigma, dict):
+            check_names("sigma", self.sigma, raw, complete=True)
+        sigma = self.sigma if isinstance(self.sigma, dict) else dict.fromkeys(raw, self.sigma)
+        widths = flatten({name: torch.full_like(tensor, sigma[name]) for name, tensor in raw.items()})
         zeros = torch.zeros_like(widths)
         return {
             "covariance": torch.diag_embed(widths.square()),
@@ -73,7 +73,7 @@ class CMAES(Optimizer):
     def step(
         self, evaluate: Evaluate, raw: Variables, problem: Tensor, memory: Any
     ) -> tuple[Variables, Evaluation, Any]:
-        seen = evaluate(raw, problem)
+        evaluation = evaluate(raw, problem)
         mean = flatten(raw)
         rows, dim = mean.shape
         population = self.population or 4 + math.floor(3 * math.log(dim))
@@ -91,7 +91,7 @@ class CMAES(Optimizer):
         best = energy.argsort(dim=1, stable=True)[:, : population // 2]
         chosen = steps.gather(1, best[..., None].expand(-1, -1, dim))
         step, memory = self._adapted(chosen, (deviations, axes), population, memory)
-        return evaluate.retract(raw, unflatten(step, raw)), seen, memory
+        return evaluate.retract(raw, unflatten(step, raw)), evaluation, memory
 
     @staticmethod
     def _adapted(chosen: Tensor, roots: tuple[Tensor, Tensor], population: int, memory: Any) -> tuple[Tensor, Any]:

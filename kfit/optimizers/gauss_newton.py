@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import torch
@@ -23,7 +24,7 @@ class GaussNewton(Optimizer):
     increase the energy, which the pipeline's best-so-far tolerates, and it costs a fraction.
 
     Args:
-        lengths: of the differences, by variable, in raw units (half-turns for angles).
+        lengths: lengths of the differences, by variable, in raw units (half-turns for angles).
         damping: λ.
         reach: limit of each number's step, as a multiple of its length.
 
@@ -66,9 +67,8 @@ class GaussNewton(Optimizer):
         # The row itself, then with one of its numbers moved.
         moves = torch.cat([lengths.new_zeros(1, count), lengths.diag()])
         moved = evaluate.retract(repeated(raw, count + 1), unflatten(moves.repeat(rows, 1), raw))
-        seen = evaluate(moved, problem.repeat_interleave(count + 1), need="residuals")
-        assert seen.residuals is not None  # asked for one line above
-        residuals = seen.residuals.view(rows, count + 1, -1)
+        evaluation = evaluate(moved, problem.repeat_interleave(count + 1), need="residuals")
+        residuals = evaluation.residuals.view(rows, count + 1, -1)
         jacobian = residuals[:, 1:] - residuals[:, :1]  # in units of the lengths, which scale the numbers alike
         squares, slopes = jacobian @ jacobian.mT, (jacobian @ residuals[:, 0, :, None])[..., 0]
         diagonal = squares.diagonal(dim1=1, dim2=2)
@@ -77,15 +77,15 @@ class GaussNewton(Optimizer):
         delta, _ = torch.linalg.solve_ex(squares + torch.diag_embed(damped), -slopes)
         step = lengths * delta.clamp(-self.reach, self.reach)
         here = torch.arange(rows, device=step.device) * (count + 1)
-        return evaluate.retract(raw, unflatten(step, raw)), _at(seen, here), memory
+        return evaluate.retract(raw, unflatten(step, raw)), _at(evaluation, here), memory
 
 
-def _at(seen: Evaluation, rows: Tensor) -> Evaluation:
+def _at(evaluation: Evaluation, rows: Tensor) -> Evaluation:
     """Return the evaluation of some rows."""
-    parts = {name: part for name, part in vars(seen).items() if name != "rendering"}
+    parts = {name: part for name, part in vars(evaluation).items() if name != "rendering"}
     taken = pytree.tree_map_only(Tensor, lambda tensor: tensor[rows], parts)
-    drawn = seen.rendering
+    drawn = evaluation.rendering
     if drawn is not None:
-        pictures = pictures_of(rows, len(drawn.image) // len(seen.energy))
+        pictures = pictures_of(rows, len(drawn.image) // len(evaluation.energy))
         drawn = drawn.map(lambda tensor: tensor[pictures])
-    return Evaluation(**taken, rendering=drawn)
+    return replace(evaluation, **taken, rendering=drawn)

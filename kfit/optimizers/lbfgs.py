@@ -48,7 +48,7 @@ class LBFGS(Optimizer):
     """
 
     def __init__(self, history: int = 10, first_step: float = 0.03, max_trials: int = 8) -> None:
-        check_count("LBFGS: history", history, 1, 1000)
+        check_count("LBFGS: history", history)
         check_positive("LBFGS: first_step", first_step)
         check_count("LBFGS: max_trials", max_trials)
         self.history, self.first_step, self.max_trials = history, first_step, max_trials
@@ -61,12 +61,11 @@ class LBFGS(Optimizer):
     def step(
         self, evaluate: Evaluate, raw: Variables, problem: Tensor, memory: Any
     ) -> tuple[Variables, Evaluation, Any]:
-        seen = evaluate(raw, problem, need="gradient")
-        assert seen.gradient is not None  # asked for one line above
-        gradient = flatten(seen.gradient)
+        evaluation = evaluate(raw, problem, need="gradient")
+        gradient = flatten(evaluation.gradient)
         moves, bends = self._remembered(memory["move"], gradient - memory["gradient"], memory)
         direction = self._direction(gradient, moves, bends)
-        move, failed = self._search(evaluate, raw, problem, seen.energy, gradient, direction)
+        move, failed = self._search(evaluate, raw, problem, evaluation.energy, gradient, direction)
         forgets = failed[:, None, None]
         new = {
             "move": move,
@@ -74,7 +73,7 @@ class LBFGS(Optimizer):
             "moves": moves.masked_fill(forgets, 0.0),
             "bends": bends.masked_fill(forgets, 0.0),
         }
-        return evaluate.retract(raw, unflatten(move, raw)), seen, new
+        return evaluate.retract(raw, unflatten(move, raw)), evaluation, new
 
     @staticmethod
     def _remembered(move: Tensor, bend: Tensor, memory: Any) -> tuple[Tensor, Tensor]:

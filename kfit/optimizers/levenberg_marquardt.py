@@ -74,9 +74,8 @@ class LevenbergMarquardt(Optimizer):
     def step(
         self, evaluate: Evaluate, raw: Variables, problem: Tensor, memory: Any
     ) -> tuple[Variables, Evaluation, Any]:
-        seen = evaluate(raw, problem, need="gradient")
-        assert seen.gradient is not None  # asked for one line above
-        energy, slopes = seen.energy, flatten(seen.gradient) / 2
+        evaluation = evaluate(raw, problem, need="gradient")
+        energy, slopes = evaluation.energy, flatten(evaluation.gradient) / 2
         solve, diagonal = self._model(evaluate, raw, problem, slopes, memory["seed"])
         found, damping, growth = torch.zeros_like(slopes), memory["damping"], memory["growth"]
         pending = torch.ones_like(problem, dtype=torch.bool)
@@ -97,7 +96,7 @@ class LevenbergMarquardt(Optimizer):
             growth = growth.index_copy(0, rows, torch.where(fell, 2.0, (2 * growth[rows]).clamp_max(1e3)))
             pending = pending.index_copy(0, rows, ~fell)
         memory = {"damping": damping, "growth": growth, "seed": memory["seed"]}
-        return evaluate.retract(raw, unflatten(found, raw)), seen, memory
+        return evaluate.retract(raw, unflatten(found, raw)), evaluation, memory
 
     @staticmethod
     def _model(
@@ -134,7 +133,6 @@ def _squares(evaluate: Evaluate, raw: Variables, problem: Tensor) -> Tensor:
         here = repeated({name: tensor[piece] for name, tensor in raw.items()}, count + 1)
         moved = evaluate.retract(here, unflatten(shifts.repeat(len(piece), 1), raw))
         residuals = evaluate(moved, problem[piece].repeat_interleave(count + 1), need="residuals").residuals
-        assert residuals is not None  # asked for one line above
         residuals = residuals.view(len(piece), count + 1, -1)
         jacobian = (residuals[:, :-1] - residuals[:, -1:]) / length
         found.append((jacobian @ jacobian.mT).to(place))

@@ -55,8 +55,8 @@ class Stages(Optimizer):
             stage, taken = stage + 1, 0
             # Random numbers must differ from those of the first stage.
             inner = self.stages[stage][0].init(raw, memory["seeds"] ^ stage)
-        new, seen, inner = self.stages[stage][0].step(evaluate, raw, problem, inner)
-        return new, seen, {"stage": stage, "taken": taken + 1, "seeds": memory["seeds"], "inner": inner}
+        new, evaluation, inner = self.stages[stage][0].step(evaluate, raw, problem, inner)
+        return new, evaluation, {"stage": stage, "taken": taken + 1, "seeds": memory["seeds"], "inner": inner}
 
 
 def _check_stage(name: str, stage: Any) -> None:

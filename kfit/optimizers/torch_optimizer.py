@@ -84,10 +84,9 @@ class TorchOptimizer(Optimizer):
     def step(
         self, evaluate: Evaluate, raw: Variables, problem: Tensor, memory: Any
     ) -> tuple[Variables, Evaluation, Any]:
-        seen = evaluate(raw, problem, need="gradient")
-        assert seen.gradient is not None  # asked for one line above
-        step, memory = self._step(raw, seen.gradient, memory)
-        return evaluate.retract(raw, step), seen, memory
+        evaluation = evaluate(raw, problem, need="gradient")
+        step, memory = self._step(raw, evaluation.gradient, memory)
+        return evaluate.retract(raw, step), evaluation, memory
 
     def _step(self, raw: Variables, gradient: Variables, memory: Any) -> tuple[Variables, Any]:
         # All rows of a fit have taken the same number of steps.

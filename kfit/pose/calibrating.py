@@ -20,7 +20,7 @@ BINS = (0.0, 0.5, 0.7, 0.8, 0.9, 0.95, 1.0)
 
 
 def calibrate(
-    told: Sequence[dict[str, float]],
+    features: Sequence[dict[str, float]],
     right: Sequence[bool],
     energy: Sequence[float],
     fits: dict[str, Any],
@@ -30,15 +30,15 @@ def calibrate(
     """Fit a calibration to N answers of held-out views, with the results of a cross-validation on them.
 
     Args:
-        told: result of `kfit.pose.confidence.evidence` for each.
+        features: result of `kfit.pose.confidence.evidence` for each.
         right: whether each is right.
-        energy: of each.
+        energy: energy of each.
         fits: how they were fitted, as returned by `kfit.pose.confidence.how_fitted`.
-        seed: of the views.
+        seed: seed of the views.
     """
-    found = {"seed": seed, "right answers": len(distances), **reliability(cross_validated(told, right), right)}
+    found = {"seed": seed, "right answers": len(distances), **reliability(cross_validated(features, right), right)}
     energy_99, factor = float(np.quantile(energy, 0.99)), covariance_factor(distances)
-    return Calibration(*calibrated(told, right), energy_99, fits, len(told), found, factor)
+    return Calibration(*calibrated(features, right), energy_99, fits, len(features), found, factor)
 
 
 def covariance_factor(distances: Sequence[float]) -> float:
@@ -56,7 +56,7 @@ def covariance_factor(distances: Sequence[float]) -> float:
     return float(np.sort(distances)[place - 1] / CHI2_95)
 
 
-def calibrated(told: Sequence[dict[str, float]], right: Sequence[bool]) -> tuple[float, dict[str, float]]:
+def calibrated(features: Sequence[dict[str, float]], right: Sequence[bool]) -> tuple[float, dict[str, float]]:
     """Fit bias and coefficients of a logistic model of N answers by penalised maximum likelihood.
 
     The penalty is ½ Σ_k (c_k s_k)², s the standard deviations, and no c_k is below 0, so that chance does not turn
@@ -65,16 +65,16 @@ def calibrated(told: Sequence[dict[str, float]], right: Sequence[bool]) -> tuple
     vector machines, 1999).
 
     Args:
-        told: result of `evidence` for each, all with the same names.
+        features: result of `evidence` for each, all with the same names.
         right: whether each is right.
 
     Raises:
         ValueError: if there are no answers, or the lengths differ.
     """
-    if not told or len(told) != len(right):
-        raise ValueError(f"told and right must be of one length above 0, got {len(told)} and {len(right)}")
-    names = list(told[0])
-    rows = np.array([[one[name] for name in names] for one in told], float)
+    if not features or len(features) != len(right):
+        raise ValueError(f"features and right must be of one length above 0, got {len(features)} and {len(right)}")
+    names = list(features[0])
+    rows = np.array([[one[name] for name in names] for one in features], float)
     mean, std = rows.mean(0), rows.std(0)
     rows = (rows - mean) / np.where(std > 1e-9, std, 1.0)
     yes = np.asarray(right, bool)
@@ -92,18 +92,18 @@ def calibrated(told: Sequence[dict[str, float]], right: Sequence[bool]) -> tuple
     return float(found[0] - per_unit @ mean), dict(zip(names, per_unit.tolist(), strict=True))
 
 
-def cross_validated(told: Sequence[dict[str, float]], right: Sequence[bool]) -> list[float]:
+def cross_validated(features: Sequence[dict[str, float]], right: Sequence[bool]) -> list[float]:
     """Return probabilities that N ≥ 2 answers are right, each by a model of the answers of the other folds."""
-    said = [0.0] * len(told)
-    for first in range(min(FOLDS, len(told))):
-        rest = [k for k in range(len(told)) if k % FOLDS != first]
-        model = Calibration(*calibrated([told[k] for k in rest], [right[k] for k in rest]), math.inf, {}, len(rest))
-        for k in range(first, len(told), FOLDS):
-            said[k] = model.probability(told[k])
-    return said
+    confidences = [0.0] * len(features)
+    for first in range(min(FOLDS, len(features))):
+        rest = [k for k in range(len(features)) if k % FOLDS != first]
+        model = Calibration(*calibrated([features[k] for k in rest], [right[k] for k in rest]), math.inf, {}, len(rest))
+        for k in range(first, len(features), FOLDS):
+            confidences[k] = model.probability(features[k])
+    return confidences
 
 
-def reliability(said: Sequence[float], right: Sequence[bool]) -> dict[str, Any]:
+def reliability(confidences: Sequence[float], right: Sequence[bool]) -> dict[str, Any]:
     """Measure how well N probabilities predict which answers are right.
 
     Returns:
@@ -112,7 +112,7 @@ def reliability(said: Sequence[float], right: Sequence[bool]) -> dict[str, Any]:
         al., On calibration of modern neural networks, 2017); ``bins``: ``from``, ``to``, ``number``, ``said`` (mean p)
         and ``right`` of each bin that is not empty.
     """
-    p, yes = np.asarray(said, float), np.asarray(right, float)
+    p, yes = np.asarray(confidences, float), np.asarray(right, float)
     place = np.clip(np.searchsorted(BINS, p, side="right") - 1, 0, len(BINS) - 2)
     bins = [
         {

@@ -11,29 +11,42 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from kfit.core import Callback, Encoder, Energy, FitError, FitResult, Generator, Rendering, Variables
+from kfit.core import (
+    Callback,
+    Encoder,
+    Energy,
+    FitError,
+    FitResult,
+    Generator,
+    Observation,
+    Rendering,
+    Variables,
+)
 from kfit.fitting.pipeline import FitPipeline
 from kfit.generators import ExtentsHead, RadianceField, SimilarityWarp
+from kfit.generators.drawn_fields import drawn_fields
 from kfit.geometry import PoseNetwork, to_opencv
+from kfit.geometry.pose_network import with_prediction
 from kfit.pose.card import Card
 from kfit.pose.covariance import pose_covariance
 from kfit.pose.default_fit import default_fit
 from kfit.pose.defaults import default_energies
+from kfit.pose.hub_model import HubModel
 from kfit.pose.hypotheses import fitted_rotations, hypotheses_of
 from kfit.pose.interpretation import interpret
 from kfit.pose.observed_object import ObservedObject
 from kfit.pose.placement import placement
 from kfit.pose.result import PoseResult
-from kfit.pose.views import Box, PhotoLike, are_several, observed_views, triangulated_diagonal
+from kfit.pose.views import Box, PhotoLike, observe, triangulated_diagonal
 from kfit.runtime.devices import safe_after_fork
 from kfit.segmentation import Segmenter
 
 
-class CategoryModel:
+class CategoryModel(HubModel):
     """The networks of one category, and the fit that explains photos with them.
 
     Args:
-        generator: of ``code``, ``azimuth`` and ``elevation``.
+        generator: generator with ``code``, ``azimuth`` and ``elevation``.
         encoder: picture → Gaussian over the code.
         extents: code → the object's normalised sides.
         card: description of the networks.
@@ -106,15 +119,17 @@ class CategoryModel:
                 fitted one, with the prior `kfit.energies.LensPrior`.
             views: box diagonal in metres at which fits to several views of each object start, whose cameras determine
                 distance and size; None for one view.
-            energies: of drawing and photo, by name and with their weights, instead of the first three.
+            energies: energies between rendering and photo, by name and with their weights, instead of the first three.
         """
+        if energies is None:
+            energies = {name: one for name, one in default_energies().items() if one[0].on in self.drawn}
         return default_fit(
             self.generator,
             self.encoder,
             self.pose_head,
             self.card,
             self.image_size,
-            self._default_energies() if energies is None else energies,
+            energies,
             num_starts=num_starts,
             num_steps=num_steps,
             callbacks=callbacks,
@@ -123,18 +138,10 @@ class CategoryModel:
             views=views,
         ).to(self.device)
 
-    def _default_energies(self) -> dict[str, tuple[Energy, float]]:
-        """Return the default energies of the fields that the generator draws."""
-        return {name: given for name, given in default_energies().items() if given[0].on in self.drawn}
-
     @cached_property
     def drawn(self) -> frozenset[str]:
         """Names of the fields that its generator draws, of ``image``, ``mask`` and ``depth``."""
-        like = next(self.encoder.parameters())
-        zeros = {name: like.new_zeros(1, *variable.shape) for name, variable in self.generator.variables.items()}
-        with torch.no_grad():
-            rendering: Rendering = self.generator(**zeros)
-        return frozenset(name for name, field in vars(rendering).items() if field is not None)
+        return drawn_fields(self.generator, next(self.encoder.parameters()))
 
     @safe_after_fork()
     @torch.inference_mode(False)
@@ -146,10 +153,12 @@ class CategoryModel:
         intrinsics: NDArray[Any] | Tensor | None = None,
         depth: NDArray[Any] | None = None,
         *,
+        ignore: NDArray[Any] | None = None,
         relative_poses: NDArray[Any] | Tensor | None = None,
         segmenter: str | Path | Segmenter | Sequence[Segmenter] | None = None,
         seed: int = 0,
         pipeline: FitPipeline | None = None,
+        callbacks: Sequence[Callback] = (),
     ) -> PoseResult:
         """Find the object's pose, size and appearance in a photo.
 
@@ -167,34 +176,28 @@ class CategoryModel:
             box: left, top, width, height in pixels.
             intrinsics: (3, 3).
             depth: (H, W) in metres along the camera's axis; values that are not finite and above 0 are unknown.
+            ignore: (H, W), above one half of its full scale where something else hides the object: pixels do not count
+                there. The object may continue behind it.
             relative_poses: (V, 4, 4), map points in the first camera to each of V cameras (OpenCV axes, metres); the
                 first is the identity. They determine distance and size.
             segmenter: finds the object in ``box``, or without one the object of this category with the highest score:
                 an ONNX file that `kfit.segmentation.load_segmenter` reads, or any `kfit.segmentation.Segmenter`.
             seed: determines the random numbers.
             pipeline: another fit than that of `pipeline`; its generator needs the same variables.
+            callbacks: watch this fit, besides the pipeline's own.
 
         Raises:
-            FileNotFoundError, ValueError: if a photo, mask, box, intrinsics or depth cannot be used, in one sentence.
+            FileNotFoundError, ValueError: if inputs cannot be used, in one sentence.
         """
-        if are_several(image):
-            if depth is not None:
-                raise ValueError("depth and several photos were both given; several photos are fitted to colour alone")
-            seen, observation = observed_views(
-                image, self.card.category, self.image_size, mask, box, intrinsics, relative_poses, segmenter
-            )
+        observed, observation = observe(
+            image, self.card.known, self.image_size, mask, box, intrinsics, depth, ignore, relative_poses, segmenter
+        )
+        if pipeline is None and observation.views > 1:
             start = triangulated_diagonal(observation, self.card.unit_fraction, self.card.mean_diagonal)
-            fit = pipeline or self.pipeline(views=start)
-        else:
-            if relative_poses is not None:
-                raise ValueError("relative_poses need a list of photos, got one photo")
-            photo: Any = image
-            one: tuple[Any, Any] = (mask, box)
-            finds: Any = segmenter
-            seen = ObservedObject.of(photo, self.card.category, self.image_size, *one, intrinsics, depth, finds)
-            observation = seen.observation
-            fit = pipeline or self.pipeline(depth=depth is not None, lens_known=seen.lens_known)
-        return self.answer(fit(observation.map(lambda tensor: tensor.to(fit.device)), seed=seed), seen)
+            pipeline = self.pipeline(views=start)
+        fit = pipeline or self.pipeline(depth=depth is not None, lens_known=observed.lens_known)
+        observation = self.read(observation.map(lambda tensor: tensor.to(fit.device)))
+        return self.answer(fit(observation, seed=seed, callbacks=callbacks), observed, observation)
 
     @property
     def image_size(self) -> int:
@@ -207,49 +210,56 @@ class CategoryModel:
         warped = SimilarityWarp(self.generator)
         with torch.no_grad():
             there = [name for name in warped.variables if name in values]
-            drawn = warped(**{name: values[name].to(self.device) for name in there})
-            on_cpu: Rendering = drawn.map(lambda tensor: tensor.cpu())
-        return on_cpu
+            return warped(**{name: values[name].to(self.device) for name in there}).map(Tensor.cpu)
 
-    def pose_log_probabilities(self, image: Tensor) -> Tensor | None:
-        """Return log-probabilities (N, B) of poses for pictures (N, 3, S, S), or None without a pose head."""
+    def read(self, observation: Observation) -> Observation:
+        """Return the observation with the pose head's prediction, so that fit and answer need not run it again."""
+        return observation if self.pose_head is None else with_prediction(observation, self.pose_head)
+
+    def pose_log_probabilities(self, observation: Observation) -> Tensor | None:
+        """Return log-probabilities (B, bins) of the poses of B problems on the CPU, or None without a pose head."""
         if self.pose_head is None:
             return None
-        with torch.no_grad():
-            said: Tensor = self.pose_head(image.to(self.device))
-        return said.cpu()
+        return with_prediction(observation, self.pose_head).predictions[self.pose_head.prediction_name].cpu()
 
-    def answer(self, fit: FitResult, seen: ObservedObject) -> PoseResult:
-        """Return the answer of a fit of one problem."""
-        (answer,) = self.answers(fit, [seen])
-        if answer is None:
+    def answer(self, fit: FitResult, observed: ObservedObject, observation: Observation) -> PoseResult:
+        """Return the answer of a fit of one problem; arguments as those of `answers`."""
+        if (answer := self.answers(fit, [observed], observation)[0]) is None:
             raise FitError("every start of the fit became NaN or infinite")
         return answer
 
     @safe_after_fork()
-    def answers(self, fit: FitResult, seen: Sequence[ObservedObject]) -> list[PoseResult | None]:
-        """Return the answers of a fit, one for each problem; None if all its starts failed."""
+    def answers(
+        self, fit: FitResult, observed: Sequence[ObservedObject], observation: Observation
+    ) -> list[PoseResult | None]:
+        """Return the answers of a fit, one for each problem; None if all its starts failed.
+
+        Args:
+            fit: fit of B problems.
+            observed: B objects.
+            observation: observation that was fitted, as `read` returned it.
+        """
         with torch.no_grad():
             extents = self.extents(fit.values["code"].to(self.device)).double().cpu()
         drawn = self.draw(fit.values).image.movedim(1, -1)
-        said = self.pose_log_probabilities(torch.cat([one.observation.image for one in seen]))
-        looks = [None] * len(seen) if said is None else list(said)
+        log_probabilities = self.pose_log_probabilities(observation)
+        by_head = [None] * len(observed) if log_probabilities is None else list(log_probabilities)
         fit = fit.to("cpu")
         return [
-            self._interpreted(fit.of(n), one, extents[n], drawn[n], looks[n]) if fit.start[n] >= 0 else None
-            for n, one in enumerate(seen)
+            self._interpreted(fit[n], one, extents[n], drawn[n], by_head[n]) if fit.start[n] >= 0 else None
+            for n, one in enumerate(observed)
         ]
 
     def _interpreted(
-        self, fit: FitResult, seen: ObservedObject, extents: Tensor, drawing: Tensor, log_probabilities: Tensor | None
+        self, fit: FitResult, observed: ObservedObject, extents: Tensor, drawing: Tensor, by_head: Tensor | None
     ) -> PoseResult:
-        rotation, translation, diagonal = placement(fit.values, seen.crop, seen.intrinsics, self.card)
+        rotation, translation, diagonal = placement(fit.values, observed.crop, observed.intrinsics, self.card)
         # From the crop's virtual camera to the photo's: the same rotation for every start, up to their shifts.
         turn = rotation[0] @ to_opencv(fitted_rotations(fit.values))[0].mT
-        hypotheses = hypotheses_of(fit, turn, self.card, self.pose_head, log_probabilities)
+        hypotheses = hypotheses_of(fit, turn, self.card, self.pose_head, by_head)
         placed = (rotation[0], translation[0], extents * diagonal)
         generator, surface = self.generator, None
         if isinstance(generator, RadianceField):
             surface = partial(generator.surface, fit.values["code"][0].to(self.device))
-        covariance = partial(pose_covariance, fit, seen, self.card, self.draw)
-        return interpret(self.card.category, fit, seen, placed, hypotheses, drawing, self.draw, covariance, surface)
+        covariance = partial(pose_covariance, fit, observed, self.card, self.draw)
+        return interpret(self.card.known, fit, observed, placed, hypotheses, drawing, self.draw, covariance, surface)

@@ -22,8 +22,9 @@ DOUBTFUL = 0.5
 LENS_WEIGHT = 0.05
 # How the sentence on a confidence begins that is no probability.
 UNCALIBRATED = "confidence not calibrated"
-# Factor of covariances where a card has none.
-UNMEASURED = 1.0
+# Factor of covariances where a card has none: what `kfit.pose.calibrating.covariance_factor` gives on 22 right answers
+# of 24 table views of unseen mugs (seed 7), the category whose covariances were furthest too small.
+UNMEASURED = 1.7
 EVIDENCE = ("weight", "energy", "agreement", "looks")
 
 
@@ -32,7 +33,7 @@ class Calibration:
     """Logistic model of whether an answer is right, p = σ(bias + Σ_k c_k · evidence_k), and its domain.
 
     Attributes:
-        bias: of the logit.
+        bias: bias of the logit.
         coefficients: c_k ≥ 0 by the names that `evidence` returns.
         energy_99: 99 % of the held-out views' winners have a lower energy.
         fits: how those views were fitted, as returned by `how_fitted`.
@@ -49,18 +50,18 @@ class Calibration:
     covariance_factor: float = UNMEASURED
 
     @staticmethod
-    def of(said: Any) -> Calibration:
+    def of(content: Any) -> Calibration:
         """Read a calibration from a card.
 
         Raises:
             ValueError: if an entry is missing, unknown or not finite.
         """
         names = {f.name for f in fields(Calibration)}
-        if isinstance(said, dict):
-            said = {"covariance_factor": UNMEASURED, **said}  # cards from before it was measured
-        if not isinstance(said, dict) or set(said) != names:
+        if isinstance(content, dict):
+            content = {"covariance_factor": UNMEASURED, **content}  # cards from before it was measured
+        if not isinstance(content, dict) or set(content) != names:
             raise ValueError(f"a calibration must hold just {', '.join(sorted(names))}")
-        found = Calibration(**said)
+        found = Calibration(**content)
         try:
             check_names("coefficients", found.coefficients, EVIDENCE)
             numbers = [
@@ -83,9 +84,9 @@ class Calibration:
             )
         return found
 
-    def probability(self, told: dict[str, float]) -> float:
+    def probability(self, features: dict[str, float]) -> float:
         """Return the probability in [0, 1] that a rotation is within 20° of the truth, by the `evidence` of its fit."""
-        logit = self.bias + sum(c * told[name] for name, c in self.coefficients.items())
+        logit = self.bias + sum(c * features[name] for name, c in self.coefficients.items())
         return float(torch.tensor(logit, dtype=torch.float64).sigmoid())
 
     def covers(self, fit: FitResult) -> bool:
@@ -108,7 +109,7 @@ def confidence(
     calibration: Calibration | None,
     fit: FitResult,
     found: Sequence[Alternative],
-    seen: float | None,
+    head_share: float | None,
     by_looks: Calibration | None = None,
 ) -> tuple[float, str | None]:
     """Return an answer's confidence in [0, 1], and a sentence if it is not calibrated or the energy is unusually high.
@@ -118,35 +119,35 @@ def confidence(
     its own calibration, whose other terms are that high by the calibration of fits without depth.
 
     Args:
-        calibration: of the model.
-        fit: of one problem.
+        calibration: calibration of the model.
+        fit: fit of one problem.
         found: its alternatives, the answer first.
-        seen: the share of probability that a pose head gives the answer, if there is one.
-        by_looks: of the model's fits without depth.
+        head_share: the share of probability that a pose head gives the answer, if there is one.
+        by_looks: calibration of the model's fits without depth.
     """
     share = "it is the answer's share of the starts' weight, and no probability of being right"
     if calibration is None:
-        said, warning = (
+        probability, warning = (
             found[0].weight,
             f"{UNCALIBRATED}, as the model's card tells nothing of such fits: {share}",
         )
         if by_looks is not None and _looks_energy(fit, found[0].energy, by_looks) > by_looks.energy_99:
-            said = min(said, DOUBTFUL)
+            probability = min(probability, DOUBTFUL)
             warning += (
                 f"; the drawing explains the look of the picture poorly, and it is {100 * DOUBTFUL:.0f} % at most"
             )
-        return said, warning
-    told, energy = evidence(found, seen), found[0].energy
-    if not calibration.covers(fit) or not set(calibration.coefficients) <= set(told):
+        return probability, warning
+    features, energy = evidence(found, head_share), found[0].energy
+    if not calibration.covers(fit) or not set(calibration.coefficients) <= set(features):
         return found[0].weight, f"{UNCALIBRATED} for a fit in another way than the model's own: {share}"
-    said = calibration.probability(told)
+    probability = calibration.probability(features)
     if energy > calibration.energy_99:
-        return min(said, DOUBTFUL), (
+        return min(probability, DOUBTFUL), (
             f"the drawing explains the picture poorly: of {calibration.views} held-out views 99 % have an energy below "
             f"{calibration.energy_99:.2f}, this one has {energy:.2f}; the object may be unlike those of training, or "
             f"the mask wrong, and the confidence is {100 * DOUBTFUL:.0f} % at most"
         )
-    return said, None
+    return probability, None
 
 
 def _looks_energy(fit: FitResult, energy: float, known: Calibration) -> float:
@@ -166,7 +167,7 @@ def how_fitted(fit: FitResult, weights: dict[str, float]) -> dict[str, Any]:
     return {"starts": starts, "steps": steps, "left": left, "weights": dict(weights)}
 
 
-def evidence(found: Sequence[Alternative], seen: float | None) -> dict[str, float]:
+def evidence(found: Sequence[Alternative], head_share: float | None) -> dict[str, float]:
     """What speaks for an answer; the more the surer.
 
     - ``weight``: logit of the share w of the starts' weight that the answer has.
@@ -176,15 +177,15 @@ def evidence(found: Sequence[Alternative], seen: float | None) -> dict[str, floa
 
     Args:
         found: the alternatives, the answer first.
-        seen: the pose head's share.
+        head_share: the pose head's share.
     """
     answer = found[0]
-    told = {
+    features = {
         "weight": _logit(answer.weight),
         "energy": -math.log(max(answer.energy, 1e-6)),
-        "agreement": -math.log1p(answer.spread_deg),
+        "agreement": -math.log1p(answer.sigma_deg),
     }
-    return told if seen is None else told | {"looks": _logit(seen)}
+    return features if head_share is None else features | {"looks": _logit(head_share)}
 
 
 def _logit(share: float) -> float:

@@ -44,11 +44,11 @@ def fit_of(recipe: str | Path, model: CategoryModel, changes: Sequence[str] = ()
     parser.add_argument("--config", action="config")
     try:
         with no_exit():
-            said = parser.parse_args(["--config", str(path), *map(current_path, changes)])
-        if "selector.init_args.symmetry" in said:
-            said["selector.init_args.symmetry"] = model.card.known.symmetry
+            parsed = parser.parse_args(["--config", str(path), *map(current_path, changes)])
+        if "selector.init_args.symmetry" in parsed:
+            parsed["selector.init_args.symmetry"] = model.card.known.symmetry
         with no_exit():
-            parts = parser.instantiate(said).as_dict()
+            parts = parser.instantiate(parsed).as_dict()
         parts.pop("config")
         if all("code" not in initializer.on for initializer in parts["initializers"]):
             parts["initializers"] = [*parts["initializers"], EncoderPosterior(model.encoder)]
@@ -56,6 +56,6 @@ def fit_of(recipe: str | Path, model: CategoryModel, changes: Sequence[str] = ()
         generator = model.generator if distant else fixed_camera(model.generator)
         return FitPipeline(SimilarityWarp(generator), **parts).to(model.device)
     except (ArgumentError, ValueError, TypeError, RecursionError) as error:
-        told = sentence(str(error))
-        reason = "it must map names to values" if told.startswith("Unexpected config") else told
+        message = sentence(str(error))
+        reason = "it must map names to values" if message.startswith("Unexpected config") else message
         raise ValueError(f"{path} is no recipe of a fit: {reason}") from None

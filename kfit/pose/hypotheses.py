@@ -15,7 +15,7 @@ from kfit.geometry import (
     rotation_clusters,
     rotation_error,
     rotation_from_angles,
-    rotation_spread_deg,
+    rotation_sigma_deg,
     to_opencv,
 )
 from kfit.geometry.clusters import WITHIN_DEG
@@ -35,14 +35,14 @@ class PoseHypotheses(NamedTuple):
         ambiguity: a sentence if the answer is ambiguous.
         confidence: in [0, 1], see `kfit.pose.confidence.confidence`.
         warning: a sentence if the confidence is not calibrated, or the energy is unusually high.
-        seen: probability that a pose head gives the answer, if there is one.
+        head_share: probability that a pose head gives the answer, if there is one.
     """
 
     alternatives: list[Alternative]
     ambiguity: str | None
     confidence: float
     warning: str | None
-    seen: float | None
+    head_share: float | None
 
     @property
     def calibrated(self) -> bool:
@@ -56,20 +56,20 @@ def hypotheses_of(
     """Interpret the surviving starts of a fit of one problem.
 
     Args:
-        fit: of one problem, on the CPU.
+        fit: fit of one problem, on the CPU.
         turn: (3, 3) from OpenCV axes of the fitted crop to those of the photo.
-        card: of the model.
+        card: card of the model.
         head: the model's pose head, if it has one.
         log_probability: (B,) of the head's bins for the picture.
     """
     symmetry, known = card.known.symmetry, card.calibration
     found = alternatives(fit, turn, symmetry)
-    seen = None
+    head_share = None
     if head is not None and log_probability is not None:
-        seen = head_probability(fit, log_probability, head, symmetry)
+        head_share = head_probability(fit, log_probability, head, symmetry)
     calibration = known.get("RGB-D" if "distance" in fit.values else "RGB")
-    sure, warning = confidence(calibration, fit, found, seen, known.get("RGB"))
-    return PoseHypotheses(found, ambiguity_warning(found, seen, symmetry), sure, warning, seen)
+    confident, warning = confidence(calibration, fit, found, head_share, known.get("RGB"))
+    return PoseHypotheses(found, ambiguity_warning(found, head_share, symmetry), confident, warning, head_share)
 
 
 def alternatives(fit: FitResult, turn: Tensor, symmetry: Symmetry) -> list[Alternative]:
@@ -78,7 +78,7 @@ def alternatives(fit: FitResult, turn: Tensor, symmetry: Symmetry) -> list[Alter
     Args:
         fit: with ``azimuth``, ``elevation`` and ``roll``.
         turn: (3, 3) from OpenCV axes of the fitted crop to those of the photo.
-        symmetry: of the object.
+        symmetry: symmetry of the object.
     """
     rotation, energy = turn @ to_opencv(fitted_rotations(fit.all_values)), fit.all_energy.double()
     weight = energy_weights(energy)
@@ -90,7 +90,7 @@ def alternatives(fit: FitResult, turn: Tensor, symmetry: Symmetry) -> list[Alter
     for number in range(int(cluster.max()) + 1):
         rows = (cluster == number).nonzero()[:, 0]
         best = rows[first[rows].argmin()]
-        spread = rotation_spread_deg(rotation[rows], weight[rows], rotation[best], symmetry)
+        spread = rotation_sigma_deg(rotation[rows], weight[rows], rotation[best], symmetry)
         share = float(weight[rows].sum())
         groups.append(Alternative(rotation[best].numpy(), float(energy[best]), share, float(spread)))
     return groups[:1] + sorted(groups[1:], key=lambda group: -group.weight)
@@ -103,7 +103,7 @@ def head_probability(fit: FitResult, log_probability: Tensor, head: PoseNetwork,
         fit: with ``azimuth``, ``elevation`` and ``roll``.
         log_probability: (B,) of the head's bins for the picture.
         head: the pose head; where it does not predict roll, the answer's roll is taken.
-        symmetry: of the object.
+        symmetry: symmetry of the object.
     """
     rotation = fitted_rotations(fit.values)[0]
     if not head.predicts_roll:
@@ -113,7 +113,7 @@ def head_probability(fit: FitResult, log_probability: Tensor, head: PoseNetwork,
     return float(log_probability.double().exp()[near].sum())
 
 
-def ambiguity_warning(found: list[Alternative], seen: float | None, symmetry: Symmetry) -> str | None:
+def ambiguity_warning(found: list[Alternative], head_share: float | None, symmetry: Symmetry) -> str | None:
     """Return a sentence if the answer is ambiguous, else None.
 
     An answer is ambiguous if it has less than 0.8 of the starts' weight, or the pose head gives less than 0.75 of its
@@ -123,8 +123,8 @@ def ambiguity_warning(found: list[Alternative], seen: float | None, symmetry: Sy
 
     Args:
         found: the answer first.
-        seen: the share of probability that a pose head gives the answer, if there is one.
-        symmetry: of the object.
+        head_share: the share of probability that a pose head gives the answer, if there is one.
+        symmetry: symmetry of the object.
     """
     if len(found) > 1 and found[0].weight < MIN_START_WEIGHT:
         answer, other = (torch.from_numpy(group.rotation) for group in found[:2])
@@ -133,8 +133,8 @@ def ambiguity_warning(found: list[Alternative], seen: float | None, symmetry: Sy
             f"ambiguous: the answer has {100 * found[0].weight:.0f} % of the starts' weight, and a pose {away:.0f}° "
             f"away explains the picture nearly as well ({100 * found[1].weight:.0f} %)"
         )
-    if seen is not None and seen < MIN_HEAD_PROBABILITY:
-        return f"ambiguous: the pose head gives this pose a probability of only {100 * seen:.0f} %"
+    if head_share is not None and head_share < MIN_HEAD_PROBABILITY:
+        return f"ambiguous: the pose head gives this pose a probability of only {100 * head_share:.0f} %"
     return None
 
 

@@ -12,7 +12,7 @@ from torch import Tensor
 from kfit.core import FitResult, Rendering, Variables
 from kfit.energies.lens_prior import DISTANCE_SPREAD, FOCAL_SPREAD
 from kfit.generators.surface import Surface
-from kfit.geometry import CATEGORIES, with_focal
+from kfit.geometry import Category, with_focal
 from kfit.pose.confidence import DOUBTFUL
 from kfit.pose.hypotheses import PoseHypotheses
 from kfit.pose.object_depth import wrong_size
@@ -30,9 +30,9 @@ FOCAL_LOG_SD = {
 
 
 def interpret(
-    category: str,
+    category: Category,
     fit: FitResult,
-    seen: ObservedObject,
+    observed: ObservedObject,
     placed: tuple[Tensor, Tensor, Tensor],
     hypotheses: PoseHypotheses,
     drawing: Tensor,
@@ -43,28 +43,30 @@ def interpret(
     """Build the answer of one problem's fit.
 
     Args:
-        category: of the object.
-        fit: of one problem, on the CPU.
-        seen: what it was fitted to.
-        placed: the winner's rotation (3, 3), translation (3,) and size (3,) in the photo's camera, in metres.
-        hypotheses: its poses, and how sure the first of them is.
-        drawing: (S, S, 3) of the winner.
-        draw: renders values of the fit.
-        find_covariance: of the winner's pose.
-        surface: finds the fitted object's surface.
+        category: Category of the object.
+        fit: Fit of one problem, on the CPU.
+        observed: Object in the photo that the fit explains.
+        placed: The winner's rotation (3, 3), translation (3,) and size (3,) in the photo's camera, in metres.
+        hypotheses: Poses of the fit, and the confidence in the first of them.
+        drawing: (S, S, 3) rendering of the winner.
+        draw: Function that renders the fit's values.
+        find_covariance: Function that computes the covariance of the winner's pose.
+        surface: Function that extracts the fitted object's surface.
     """
     rotation, translation, size = placed
-    camera, notes = seen.intrinsics.double(), list(seen.notes)
-    if not seen.lens_known:
+    camera, notes = observed.intrinsics.double(), list(observed.notes)
+    if not observed.lens_known:
         if "focal" in fit.values:
-            camera = with_focal(camera, fit.values["focal"][0].double() * seen.crop.side)
-        notes.append(_lens_note(camera, max(seen.image.shape[:2])))
-    size_doubt = wrong_size(CATEGORIES[category], float(size.norm())) if "distance" in fit.values else None
-    most = DOUBTFUL if seen.doubtful or size_doubt is not None else 1.0
-    rows, columns = (np.flatnonzero((seen.mask > 0.5).any(axis)) for axis in (1, 0))
+            camera = with_focal(camera, fit.values["focal"][0].double() * observed.crop.side)
+        notes.append(_lens_note(camera, max(observed.image.shape[:2])))
+    size_doubt = wrong_size(category, float(size.norm())) if "distance" in fit.values else None
+    most = DOUBTFUL if observed.doubtful or size_doubt is not None else 1.0
+    rows, columns = (np.flatnonzero((observed.mask > 0.5).any(axis)) for axis in (1, 0))
     left, top = int(columns[0]), int(rows[0])
     return PoseResult(
-        category=category,
+        category=category.name,
+        symmetry=category.symmetry,
+        front=category.front,
         rotation=rotation.numpy(),
         translation=translation.numpy(),
         size=size.numpy(),
@@ -76,16 +78,16 @@ def interpret(
         ambiguous=hypotheses.ambiguity is not None,
         alternatives=hypotheses.alternatives,
         intrinsics=camera.numpy(),
-        intrinsics_from=seen.intrinsics_from,
-        focal_log_sd=FOCAL_LOG_SD[seen.intrinsics_from],
+        intrinsics_from=observed.intrinsics_from,
+        focal_log_sd=FOCAL_LOG_SD[observed.intrinsics_from],
         notes=[
             *notes,
             *(note for note in (size_doubt, hypotheses.warning, hypotheses.ambiguity) if note is not None),
         ],
-        image=seen.image,
-        mask=seen.mask,
-        crop=seen.crop,
-        observation=seen.observation,
+        image=observed.image,
+        mask=observed.mask,
+        crop=observed.crop,
+        observation=observed.observation,
         drawing=drawing.numpy(),
         fit=fit,
         draw=draw,

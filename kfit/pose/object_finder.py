@@ -54,16 +54,21 @@ class FoundObject(Segmenter):
     """An object in a photo; as a segmenter it returns its mask.
 
     Attributes:
-        category: one of `kfit.geometry.CATEGORIES`.
-        score: probability that it is of that category, in [0, 1].
+        category: its name.
+        score: probability that it is of that category, in [0, 1]; None of a category that the classifier does not know.
         box: left, top, width, height in pixels: of the mask.
         segment: its mask.
     """
 
     category: str
-    score: float
+    score: float | None
     box: Box
     segment: Segment
+
+    @property
+    def words(self) -> str:
+        """Its category and the probability of that, where there is one."""
+        return self.category if self.score is None else f"{self.category} ({100 * self.score:.0f} %)"
 
     def __call__(self, image: NDArray[np.float32], category: str, box: Box | None = None) -> Segment:
         return self.segment
@@ -96,13 +101,17 @@ class ObjectFinder:
     def find(self, image: NDArray[np.float32], categories: Sequence[str] = tuple(CATEGORIES)) -> list[FoundObject]:
         """Find all objects of some categories in a photo (H, W, 3), RGB in [0, 1], by decreasing score.
 
-        If no object is probable, the likeliest one may be returned, with a score below 0.5.
+        It finds no objects of categories other than kfit's own. If no object is probable, the likeliest one may be
+        returned, with a score below 0.5.
         """
-        boxes, scores, seen = self.candidates(image)
+        boxes, scores, certainty = self.candidates(image)
+        categories = [name for name in categories if name in NAMES]
+        if not categories:
+            return []
         wanted = [NAMES.index(name) for name in categories]
         shares = self.probabilities(image, boxes, scores)[:, wanted]
         best = shares.max(1, initial=0)
-        rank = best * seen
+        rank = best * certainty
         for probable, seen_by in ((PROBABLE, SEEN), (GUESS, GUESS_SEEN)):
             found: list[FoundObject] = []
             least = max(seen_by, LEAST_OF_BEST * float(rank[best >= probable].max(initial=0)))
@@ -160,8 +169,8 @@ class ObjectFinder:
         if not len(boxes):
             return np.zeros((0, len(NAMES)))
         with torch.no_grad():
-            seen = _classifier()(torch.stack([object_square(image, box, MARGIN) for box in boxes]))
-        logits = seen.double().numpy()
+            certainty = _classifier()(torch.stack([object_square(image, box, MARGIN) for box in boxes]))
+        logits = certainty.double().numpy()
         if scores is None:
             proposals = self._detector(image)
             near = iou(np.asarray(boxes), proposals.boxes) > SAME

@@ -39,12 +39,12 @@ class Pair:
         parts = []
         for picture, mask in ((self.moving, self.moving_mask), (self.fixed, self.fixed_mask)):
             known = F.interpolate(mask, size, mode="area")
-            seen = F.interpolate(picture * mask, size, mode="area") / known.clamp_min(1e-6)
+            observed = F.interpolate(picture * mask, size, mode="area") / known.clamp_min(1e-6)
             # Unknown pixels get the mean, so that blurring adds no edges at their borders.
-            mean = (seen * known).sum(axes, keepdim=True) / known.sum(axes, keepdim=True).clamp_min(1e-6)
-            seen = torch.where(known > 0.5, seen, mean)
+            mean = (observed * known).sum(axes, keepdim=True) / known.sum(axes, keepdim=True).clamp_min(1e-6)
+            observed = torch.where(known > 0.5, observed, mean)
             whole = (known > 0.999).to(known) if blur else known
-            parts.append((_blurred(seen, blur), whole * inner))
+            parts.append((_blurred(observed, blur), whole * inner))
         (moving, moving_mask), (fixed, fixed_mask) = parts
         return Pair(moving, fixed, moving_mask, fixed_mask)
 

@@ -29,7 +29,7 @@ def animate(result: PoseResult, path: str | Path) -> Path:
     """Write an animation whose frames are the steps; an MP4, in VP9, repeats the last for two seconds.
 
     Args:
-        result: of a photo.
+        result: result for a photo.
         path: ends in .gif or .mp4.
 
     Raises:
@@ -44,12 +44,12 @@ def animate(result: PoseResult, path: str | Path) -> Path:
 
 
 def _pictures(frames: FitFrames) -> list[Image.Image]:
-    seen, last = _panel(frames.seen), len(frames.drawings) - 1
+    observed, last = _panel(frames.observed), len(frames.drawings) - 1
     font = ImageFont.load_default(size=16)
     pictures = []
     for step, drawing in enumerate(frames.drawings):
         picture = Image.new("RGB", (2 * SIDE + GAP, SIDE + LINE), PAPER)
-        picture.paste(seen, (0, 0))
+        picture.paste(observed, (0, 0))
         picture.paste(_panel(drawing), (SIDE + GAP, 0))
         pen = ImageDraw.Draw(picture)
         pen.text((GAP, SIDE + LINE / 2), "seen", INK, font, anchor="lm")

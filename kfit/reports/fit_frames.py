@@ -19,14 +19,14 @@ class FitFrames:
     """What the start that won drew at each step.
 
     Attributes:
-        seen: (S, S, 3) RGB bytes, the crop that was to be explained.
+        observed: (S, S, 3) RGB bytes, the crop that was to be explained.
         drawings: (T, S, S, 3) RGB bytes, from the start to the step after the last.
         energy: (T,) that was descended.
         terms: (T,) each, unweighted; NaN where one was not computed.
         answer: the step whose drawing is the answer.
     """
 
-    seen: Picture
+    observed: Picture
     drawings: Picture
     energy: list[float]
     terms: dict[str, list[float]]
@@ -37,7 +37,7 @@ def fit_frames(result: PoseResult) -> FitFrames:
     """Draw the winner's values at all steps, in one call of the generator.
 
     Args:
-        result: of a photo.
+        result: result for a photo.
 
     Raises:
         ValueError: if not every step was recorded.
@@ -50,7 +50,7 @@ def fit_frames(result: PoseResult) -> FitFrames:
     path = {name: value[there, 0, start] for name, value in history.values.items()}
     same = [(value == fit.values[name]).reshape(len(value), -1).all(1) for name, value in path.items()]
     return FitFrames(
-        seen=picture_of(result.observation.field("image")[0]),
+        observed=picture_of(result.observation.field("image")[0]),
         drawings=np.stack([picture_of(image) for image in result.draw(path).image]),
         energy=history.energy[there, 0, start].tolist(),
         terms={name: term[there, 0, start].tolist() for name, term in history.terms.items()},

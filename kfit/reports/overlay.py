@@ -36,7 +36,7 @@ def draw_overlay(
     translation: Any,
     size: Any,
     intrinsics: Any,
-    seen: Tensor | None = None,
+    observed: Tensor | None = None,
     drawing: Tensor | None = None,
     mask: Any = None,
     caption: str | None = None,
@@ -52,7 +52,7 @@ def draw_overlay(
         translation: (3,) in metres.
         size: (3,) extents of the object in metres.
         intrinsics: (3, 3) of the photo.
-        seen: (3, S, S), the observed crop, for a panel at the side of the photo.
+        observed: (3, S, S), the observed crop, for a panel at the side of the photo.
         drawing: (3, S, S), the generator's picture, for another.
         mask: (H, W) array or tensor, whose outline is drawn in white.
         caption: line or lines for the strip below.
@@ -70,11 +70,11 @@ def draw_overlay(
         torch.as_tensor(value).detach().cpu().double() for value in (rotation, translation, size, intrinsics)
     )
     _draw_pose(photo, rotation, translation, size, move @ camera, thick)
-    if seen is not None or drawing is not None:
+    if observed is not None or drawing is not None:
         _write(photo, "photo", thick)
     side = max(160, photo.shape[0] // 2)
     panels = []
-    for label, picture in (("seen", seen), ("fitted", drawing)):
+    for label, picture in (("seen", observed), ("fitted", drawing)):
         if picture is not None:
             panels.append(_resized(_bytes(picture.movedim(0, -1)), side, side))
             _write(panels[-1], label, thick)
@@ -87,7 +87,7 @@ def draw_objects(image: Any, poses: Sequence[Mapping[str, Any]], caption: str | 
 
     Args:
         image: (H, W, 3) array or tensor, RGB in [0, 1].
-        poses: of each object rotation, translation, size, intrinsics and mask, as `draw_overlay` takes them.
+        poses: for each object its rotation, translation, size, intrinsics and mask, as `draw_overlay` takes them.
         caption: line or lines for the strip below.
 
     Returns:
@@ -124,7 +124,7 @@ def draw_frame(
         caption: a few words for the upper left corner.
         pose: rotation, translation, size and intrinsics, arrays or tensors as `draw_overlay` takes them.
         outline: silhouette (S, S) of the drawing, above 1/2 on the object, in the pixels of the crop.
-        confidence: of the pose, in [0, 1].
+        confidence: confidence of the pose, in [0, 1].
 
     Returns:
         (height, width, 3) RGB bytes.

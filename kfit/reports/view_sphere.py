@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from torch import Tensor
 
-from kfit.geometry import CATEGORIES, EDGES, box_corners, rotation_from_angles
+from kfit.geometry import EDGES, box_corners, rotation_from_angles
 from kfit.pose import PoseResult
 from kfit.reports.inline_svg import ACCENT, INK, MUTED, PAPER, inline_svg, styled
 from kfit.reports.words import camera_angles, view_words
@@ -46,25 +46,24 @@ def view_sphere(result: PoseResult) -> Markup:
         plot.axis("off")
         _globe(plot, onlooker)
         _object(plot, onlooker, torch.from_numpy(result.size))
-        if CATEGORIES[result.category].symmetry == "y":
+        if result.symmetry == "y":
             for found, (_, elevation) in zip(result.alternatives, places, strict=True):
                 colour = ACCENT if found is result.alternatives[0] else INK
                 _circle(plot, onlooker, _around(elevation), colour, 1.6, 1.0, 0.35)
         _poses(plot, onlooker, places, [found.weight for found in result.alternatives])
-        told = "; ".join(
-            view_words(result.category, found.rotation, result.translation)
-            + f", {100 * found.weight:.0f} % of the weight"
+        described = "; ".join(
+            view_words(result.front, found.rotation, result.translation) + f", {100 * found.weight:.0f} % of the weight"
             for found in result.alternatives[:LABELLED]
         )
-        return inline_svg(figure, f"Sphere of views about the object: {told}")
+        return inline_svg(figure, f"Sphere of views about the object: {described}")
 
 
 def _poses(plot: Axes, onlooker: Tensor, places: Sequence[tuple[float, float]], weights: Sequence[float]) -> None:
-    seen = _seen(onlooker, torch.stack([_on_sphere(*place) for place in places]))
-    plot.plot([0, seen[0, 0]], [0, seen[0, 1]], color=ACCENT, lw=1.2, ls=(0, (3, 3)))
+    projected = _projected(onlooker, torch.stack([_on_sphere(*place) for place in places]))
+    plot.plot([0, projected[0, 0]], [0, projected[0, 1]], color=ACCENT, lw=1.2, ls=(0, (3, 3)))
     labelled = sorted(range(len(weights)), key=lambda k: -weights[k])[:LABELLED]
     for k in reversed(range(len(places))):
-        x, y, near = seen[k]
+        x, y, near = projected[k]
         colour, area = ACCENT if k == 0 else INK, LEAST + AREA * weights[k]
         face, edge = (colour, PAPER) if near >= 0 else (PAPER, colour)
         # One that a larger one covers stays visible through it.
@@ -90,11 +89,11 @@ def _globe(plot: Axes, onlooker: Tensor) -> None:
 
 def _object(plot: Axes, onlooker: Tensor, size: Tensor) -> None:
     size = 0.62 * size / size.norm()
-    corners = _seen(onlooker, box_corners(torch.eye(3).double(), torch.zeros(3).double(), size))
+    corners = _projected(onlooker, box_corners(torch.eye(3).double(), torch.zeros(3).double(), size))
     edges = corners[np.array(EDGES)]
     far = (edges == corners[corners[:, 2].argmin()]).all(-1).any(1)
     plot.add_collection(LineCollection(list(edges[..., :2]), colors=BOX, lw=1.3, alpha=np.where(far, 0.35, 1.0)))
-    tips = _seen(onlooker, 0.45 * torch.eye(3).double())
+    tips = _projected(onlooker, 0.45 * torch.eye(3).double())
     for k in tips[:, 2].argsort():
         name, colour = AXES[k]
         plot.plot([0, tips[k, 0]], [0, tips[k, 1]], color=colour, lw=2)
@@ -103,8 +102,8 @@ def _object(plot: Axes, onlooker: Tensor, size: Tensor) -> None:
 
 def _circle(plot: Axes, onlooker: Tensor, line: Tensor, colour: str, width: float, strong: float, faint: float) -> None:
     """A line on the sphere, faint where it is on the far side."""
-    seen = _seen(onlooker, line)
-    pieces = np.stack([seen[:-1], seen[1:]], 1)
+    projected = _projected(onlooker, line)
+    pieces = np.stack([projected[:-1], projected[1:]], 1)
     alpha = np.where(pieces[..., 2].mean(1) >= 0, strong, faint)
     plot.add_collection(LineCollection(list(pieces[..., :2]), colors=colour, lw=width, alpha=alpha))
 
@@ -118,7 +117,7 @@ def _on_sphere(azimuth: float, elevation: float) -> Tensor:
     return torch.tensor([-math.cos(e) * math.sin(a), math.sin(e), math.cos(e) * math.cos(a)], dtype=torch.float64)
 
 
-def _seen(onlooker: Tensor, points: Tensor) -> Points:
+def _projected(onlooker: Tensor, points: Tensor) -> Points:
     """Points (N, 3) in the object's axes as the onlooker sees them: right, up and towards them."""
-    seen: Points = (points @ onlooker.mT).numpy()
-    return seen
+    projected: Points = (points @ onlooker.mT).numpy()
+    return projected

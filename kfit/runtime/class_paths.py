@@ -1,7 +1,13 @@
-"""Class paths of earlier versions: recipes, checkpoints and cards that name them are still read."""
+"""Class paths and arguments of earlier versions: recipes, checkpoints and cards that name them are still read."""
 
 from __future__ import annotations
 
+import difflib
+import importlib
+import re
+import sys
+from collections.abc import Iterable
+from types import ModuleType
 from typing import Any
 
 import yaml  # type: ignore[import-untyped]
@@ -27,6 +33,19 @@ MOVED = {
     "kfit.training.recolor.Recolor": "kfit.training.RandomRecolor",
     "kfit.training.whole_checkpoints.WholeCheckpoints": "kfit.training.AtomicCheckpoints",
 }
+# Old name of an argument → the new one, of the classes whose present import path begins so.
+AUGMENTATIONS = {
+    "disturb": "corruption",
+    "jitter": "similarity",
+    "photograph": "photometric",
+    "recolor": "recoloring",
+}
+RENAMED = {
+    "kfit.training.": AUGMENTATIONS,
+    "kfit.generators.PoseHead": {"spread_deg": "sigma_deg"},
+    "kfit.initializers.": {"spread": "sigma"},
+    "kfit.optimizers.CMAES": {"spread": "sigma"},
+}
 
 
 def current_path(name: str) -> str:
@@ -42,12 +61,76 @@ def current_path(name: str) -> str:
 
 
 def current_paths(value: Any) -> Any:
-    """Replace old class paths in a value of dicts, lists and strings."""
+    """Replace old class paths, and old names of those classes' arguments, in a value of dicts, lists and strings."""
     if isinstance(value, str):
         return current_path(value)
     if isinstance(value, dict):
-        return {key: current_paths(one) for key, one in value.items()}
+        present = {key: current_paths(one) for key, one in value.items()}
+        if isinstance(arguments := present.get("init_args"), dict):
+            renamed = _renamed(str(present.get("class_path")))
+            present["init_args"] = {renamed.get(key, key): one for key, one in arguments.items()}
+        return present
     return [current_paths(one) for one in value] if isinstance(value, list) else value
+
+
+def near_class(text: str) -> str | None:
+    """Import path of a class that a misspelt one in a text may have meant.
+
+    >>> import kfit.generators
+    >>> near_class("'kfit.generators.VEA3D' cannot be imported")
+    'kfit.generators.VAE3D'
+
+    Args:
+        text: an error that names class paths, or classes by their name alone where it says ``class_path``.
+    """
+    for path in _PATH.findall(text):
+        module, _, name = path.rpartition(".")
+        if module not in sys.modules and module.partition(".")[0] != "kfit":
+            continue
+        try:
+            found = importlib.import_module(module)
+        except ImportError:
+            continue
+        if not hasattr(found, name) and (near := _near(name, _classes(found))):
+            return f"{module}.{near}"
+    known: dict[str, str] = {}
+    for module, found in sorted(sys.modules.items()):
+        if module.startswith("kfit.") and module.count(".") == 1:
+            known |= {name: f"{module}.{name}" for name in _classes(found)}
+    for name in re.findall(r"class_path\W+(\w+)['\"]", text):
+        if name not in known and (near := _near(name, known)):
+            return known[near]
+    return None
+
+
+_PATH = re.compile(r"[A-Za-z_]\w*(?:\.[A-Za-z_]\w*)+")
+
+
+def _classes(module: ModuleType) -> list[str]:
+    return [name for name, value in vars(module).items() if isinstance(value, type) and not name.startswith("_")]
+
+
+def _near(name: str, known: Iterable[str]) -> str | None:
+    by_lower = {one.lower(): one for one in known}
+    found = difflib.get_close_matches(name.lower(), by_lower, 1, 0.7)
+    return by_lower[found[0]] if found else None
+
+
+def current_word(word: str) -> str:
+    """Replace an old class path in a word of a training's command line, or the old name of one of its arguments.
+
+    >>> current_word("--model.jitter.roll_deg=5")
+    '--model.similarity.roll_deg=5'
+    """
+    head, dot, rest = word.partition(".")
+    if head != "--model" or not dot:
+        return current_path(word)
+    name, end = re.match(r"(?:init_args\.)?(\w*)(.*)", rest, re.DOTALL).groups()  # type: ignore[union-attr]
+    return f"--model.{AUGMENTATIONS.get(name, name)}{end}"
+
+
+def _renamed(path: str) -> dict[str, str]:
+    return next((names for begin, names in RENAMED.items() if path.startswith(begin)), {})
 
 
 def read_old_paths() -> None:

@@ -62,19 +62,19 @@ class HelpPage(DefaultHelpFormatter):
         return {int: "N", float: "X"}.get(kind, action.dest.upper())  # type: ignore[arg-type]
 
     def _get_help_string(self, action: argparse.Action) -> str:
-        said = action.help or ""
+        text = action.help or ""
         if isinstance(action, argparse._HelpAction):
             return "show this help and exit"
         if isinstance(action, argparse._VersionAction):
             return "show the version and exit"
-        if not action.option_strings or action.default == argparse.SUPPRESS or "default" in said:
-            return said
+        if not action.option_strings or action.default == argparse.SUPPRESS or "default" in text:
+            return text
         if action.required:
-            return f"{said} (required)"
+            return f"{text} (required)"
         if action.default is None:
-            return said
+            return text
         default = _spelled(action.default)
-        return f"{said} (default: {FLAGS[default] if action.nargs == 0 else default})"
+        return f"{text} (default: {FLAGS[default] if action.nargs == 0 else default})"
 
 
 def _spelled(default: object) -> str:

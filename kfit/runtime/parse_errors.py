@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 
+from kfit.runtime.class_paths import near_class
+
 KEY = re.compile(r'Parser key "([^"]+)"(?: element \d+)?: *(.*)')
 EXPECTED = re.compile(r"Expected an? (?:<class '([\w.]+)'>|typing\.Literal\[(.*?)\])(?:\. Got value: *(.*))?")
 GIVEN = re.compile(r"Given value: (?:NestedArg\(key='[^']*', val=)?(.*?)\)?$")
@@ -13,16 +15,22 @@ NAMES = {"int": "a whole number", "float": "a number", "bool": "true or false", 
 LONGEST = 80
 
 
-def sentence(told: str) -> str:
+def sentence(message: str) -> str:
     """The innermost reason of the tree that jsonargparse draws of keys and of the types that were tried.
 
-    ``trainer.max_epochs must be a whole number or null, got many``. What is no such tree is put on one line.
+    ``trainer.max_epochs must be a whole number or null, got many``. What is no such tree is put on one line. Where a
+    class is misspelt, the one that may be meant is named.
     """
+    near = near_class(message)
+    return _reason(message) + (f"; did you mean {near}?" if near else "")
+
+
+def _reason(message: str) -> str:
     keys: list[tuple[int, str]] = []
     reasons: list[tuple[int, str, str]] = []  # depth, path of keys, and message
     wanted: list[tuple[int, str, str]] = []
     got = ""
-    for line in told.splitlines():
+    for line in message.splitlines():
         text = line.strip().removeprefix("- ")
         depth = len(line) - len(line.lstrip(" -"))
         keys = [(above, key) for above, key in keys if above < depth]
@@ -39,14 +47,14 @@ def sentence(told: str) -> str:
         elif text and not text.startswith(LEADING):
             reasons.append((depth, path, text))
     if not wanted and not any(path for _, path, _ in reasons):
-        return _on_one_line(told)
+        return _on_one_line(message)
     deepest = max((one[0] for one in reasons + wanted), default=0)
     for depth, path, reason in reasons:
         if depth == deepest:
             return _on_one_line(f"{path}: {reason}" if path else reason)
     path, kinds = _last(wanted, deepest)
     if not path:
-        return _on_one_line(told)
+        return _on_one_line(message)
     came = _on_one_line(got)
     came = "nothing" if not came else came if len(came) <= LONGEST else f"{came[:LONGEST]}…"
     return f"{path} must be {' or '.join(kinds)}, got {came}"

@@ -1,4 +1,4 @@
-"""A mask made ready to use: thresholded at one half, without stray parts and small holes."""
+"""Thresholding and cleaning of masks: stray parts are removed and small holes filled."""
 
 from __future__ import annotations
 
@@ -25,19 +25,22 @@ HOLE = 0.01
 def binary_mask(values: NDArray[Any], labels: bool = True) -> NDArray[np.float32]:
     """Threshold a mask at one half of its full scale.
 
-    The full scale is the smallest of 1, 255 and 65535 that no value exceeds. Soft borders, blur and what a lossy format
-    leaves of zeros thus lie on their own side of one half.
+    The full scale is the smallest of 1, 255 and 65535 that no value exceeds. Soft borders, blur and artefacts of lossy
+    formats are thresholded correctly.
 
     Args:
         values: (H, W), numbers or booleans; NaN is background.
-        labels: values above 1 of which none reaches one half of the full scale are numbers of objects: all above 0 is
-            object. Lossy formats hold no such numbers.
+        labels: whether values above 1, all below one half of the full scale, are labels of objects: all values above 0
+            are then object. Lossy formats hold no labels.
 
     Returns:
         (H, W), 1 on the object and 0 elsewhere; it may be empty.
 
-    >>> binary_mask(np.array([[0, 100, 200, 255]], np.uint8))
-    array([[0., 0., 1., 1.]], dtype=float32)
+    Example:
+        >>> import numpy as np
+        >>> from kfit.segmentation.clean_mask import binary_mask
+        >>> binary_mask(np.array([[0, 100, 200, 255]], np.uint8))
+        array([[0., 0., 1., 1.]], dtype=float32)
     """
     top = float(np.nanmax(values, initial=0))
     full = next((scale for scale in FULL_SCALES if top <= scale), 2 * top)
@@ -50,11 +53,11 @@ def binary_mask(values: NDArray[Any], labels: bool = True) -> NDArray[np.float32
 def clean_mask(mask: NDArray[np.float32]) -> Segment:
     """Drop parts of a mask that do not belong to the object, and fill small holes.
 
-    Filled are holes (4 neighbours) with less than 1 % of the object's area that do not touch the picture's border.
+    Holes (4 neighbours) with less than 1 % of the object's area that do not touch the picture's border are filled.
 
-    Dropped are connected parts (8 neighbours) with less than 1 % of the largest one's area, and those with less than a
-    quarter that lie farther from it than a tenth of its box's longer side. A larger part that far away stays, with a
-    doubt: it is another object, or the same one behind something.
+    Connected parts (8 neighbours) with less than 1 % of the largest one's area are dropped, and those with less than 25
+    % that are farther from it than 0.1 of its box's longer side. A larger part that far away is kept, with a doubt: it
+    is another object, or the same one behind an occluder.
 
     Args:
         mask: (H, W) in [0, 1], above 1/2 on the object; fractions are kept. Empty masks are unchanged.

@@ -40,12 +40,12 @@ class Frame:
 
 
 class Frames(ABC):
-    """Frames to go through once, all of one size.
+    """Frames of one size, to be iterated once.
 
     Attributes:
-        count: how many there are, as far as that is known beforehand.
-        rate: of them a second.
-        note: after the last, a sentence where there should have been more.
+        count: number of frames, if known.
+        rate: frames a second.
+        note: after the last frame, a sentence if the file is truncated.
     """
 
     count: int | None = None
@@ -57,8 +57,8 @@ class Frames(ABC):
         """Open a clip that OpenCV reads, or a folder of pictures.
 
         Raises:
-            FileNotFoundError: if there is no such thing, or the folder holds no pictures.
-            ValueError: if the file is no clip that can be read.
+            FileNotFoundError: if the path does not exist, or the folder holds no pictures.
+            ValueError: if the file is not a readable clip.
         """
         path = Path(path)
         if not path.exists():
@@ -74,12 +74,12 @@ class Frames(ABC):
         """The frames.
 
         Raises:
-            ValueError: for one that cannot be read, or is not as large as the first.
+            ValueError: if a frame cannot be read, or differs in size from the first.
         """
 
 
 class FolderOfFrames(Frames):
-    """Pictures in a folder, by name, numbers in it as numbers: frame_9 comes before frame_10."""
+    """Pictures in a folder, in natural order of names: frame_9 comes before frame_10."""
 
     def __init__(self, folder: Path) -> None:
         self.files = pictures(folder)
@@ -140,17 +140,17 @@ class Clip(Frames):
             self._read, self._next = self._capture.read()
         self._capture.release()
         if self.count is not None and num < WHOLE * self.count:
-            told = f"{num} of the {self.count} frames that it announces could be read"
-            self.note = f"{self.path} is damaged or cut short: {told}"
+            message = f"{num} of the {self.count} frames that it announces could be read"
+            self.note = f"{self.path} is damaged or cut short: {message}"
 
 
 def changed(frame: str, size: tuple[int, int], first: tuple[int, int]) -> str:
-    """A sentence on a frame of another size."""
+    """Return a sentence about a frame of another size."""
     return f"frame {frame} has {size[0]} x {size[1]} pixels, the first {first[0]} x {first[1]}: all must be as large"
 
 
 def pictures(folder: Path) -> list[Path]:
-    """Pictures in a folder, sorted by name, numbers in it as numbers.
+    """Return the pictures in a folder, in natural order of names.
 
     Raises:
         FileNotFoundError: if there is no such folder, or no picture in it.

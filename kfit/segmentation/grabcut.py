@@ -1,4 +1,4 @@
-"""The object's mask from a box drawn around it, by GrabCut."""
+"""The mask of the object in a box, by GrabCut."""
 
 from __future__ import annotations
 
@@ -34,22 +34,21 @@ class GrabCut(Segmenter):
 
 
 def mask_from_box(image: NDArray[np.float32], box: Box) -> NDArray[np.float32]:
-    """The object inside a box, by GrabCut on the box and its surroundings.
+    """Segment the object inside a box, by GrabCut on the box and its surroundings.
 
-    Everything outside the box is background and a small ellipse in its middle is object. Where the mask then spans
-    less than three quarters of the box, the object shares its colours with what is around it, and the ellipse grows:
-    so draw the box tightly. Of the mask the largest connected part is kept and holes under 1 % of it are filled. The
-    same input gives the same mask.
+    Everything outside of the box is background and a small ellipse in its middle is object. If the mask then spans less
+    than 75 % of the box, object and background share colours, and the ellipse grows: so draw the box tightly. The
+    largest connected part is kept, and holes under 1 % of it are filled. The same input gives the same mask.
 
     Args:
         image: (H, W, 3), RGB in [0, 1].
-        box: left, top, width, height in pixels; what lies outside the picture is cut off.
+        box: left, top, width, height in pixels; it is clipped to the picture.
 
     Returns:
         (H, W), 1 on the object and 0 elsewhere.
 
     Raises:
-        ValueError: if the box is empty or outside the picture, or nothing stands out in it.
+        ValueError: if the box is empty or outside of the picture, or holds no salient object.
 
     Source: Rother, Kolmogorov, Blake, "GrabCut", SIGGRAPH 2004; Lempitsky et al., "Image segmentation with a bounding
     box prior", ICCV 2009, for the box that is to be filled.
@@ -79,7 +78,7 @@ def mask_from_box(image: NDArray[np.float32], box: Box) -> NDArray[np.float32]:
 
 
 def _cut(pixels: NDArray[np.uint8], inner: NDArray[np.int_], core: float) -> tuple[NDArray[np.uint8], float]:
-    """One GrabCut from a central ellipse of relative radius ``core``: (h, w) of 0 and 1, and its growth beyond that."""
+    """Run GrabCut from a central ellipse of relative radius ``core``: return (h, w) of 0 and 1, and its growth."""
     labels = np.full(pixels.shape[:2], cv2.GC_BGD, np.uint8)
     left, top, right, bottom = inner.tolist()
     labels[top:bottom, left:right] = cv2.GC_PR_FGD

@@ -1,4 +1,4 @@
-"""Finding out what kind of segmenter an ONNX file holds."""
+"""Identification of the segmenter in an ONNX file."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ SURE, MOST = 0.25, 100
 
 
 class MaskRCNN(Detector):
-    """Mask R-CNN with boxes (N, 4), labels (N,), scores (N,) and masks out.
+    """Mask R-CNN with outputs boxes (N, 4), labels (N,), scores (N,) and masks.
 
     Masks (N, 1, 28, 28), one patch a box, are the ONNX model zoo's: the photo goes in as BGR less its mean with a
     shorter side of 800, and labels count COCO's 80 classes from 1. Masks (N, 1, H, W) of the whole picture are
@@ -30,10 +30,10 @@ class MaskRCNN(Detector):
     classes are in a dict ``names`` in the file's metadata.
 
     Args:
-        network: of that layout.
+        network: network with that layout.
 
     Raises:
-        ValueError: if its layout is another.
+        ValueError: if it has another layout.
 
     Source: He et al., "Mask R-CNN", ICCV 2017; onnx/models@003c28a6757a, mask-rcnn/README.md, for the zoo's layout.
     """
@@ -51,7 +51,7 @@ class MaskRCNN(Detector):
 
     @staticmethod
     def fits(network: OnnxNetwork) -> bool:
-        """Whether the outputs have Mask R-CNN's shapes."""
+        """Return whether the outputs have Mask R-CNN's shapes."""
         return _parts(network) is not None
 
     def detect(self, image: NDArray[np.float32]) -> Detections:

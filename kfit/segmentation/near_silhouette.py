@@ -1,4 +1,4 @@
-"""The object's mask near where it was drawn last."""
+"""The object's mask near its last drawing."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ TIMES = 2.0
 def mask_in_photo(
     photo: NDArray[np.float32], silhouette: NDArray[np.float32], crop: Crop, band: float
 ) -> NDArray[np.float32] | None:
-    """The mask in a photo about where a silhouette was drawn: `mask_near` on a grid of 96 × 96 about the crop.
+    """Segment around a drawn silhouette in a photo: `mask_near` on a grid of 96 × 96 around the crop.
 
     Args:
         photo: (H, W, 3), RGB in [0, 1].
         silhouette: (S, S) in the crop's pixels, above 1/2 on the object.
-        crop: where it was drawn.
-        band: to either side of its outline, as a share of the grid, which is a third wider than the crop.
+        crop: crop of the silhouette.
+        band: on each side of its outline, as a fraction of the grid, which is 4/3 as wide as the crop.
 
     Returns:
-        (H, W) in [0, 1], above 1/2 on the object; None where nothing like the silhouette stands out.
+        (H, W) in [0, 1], above 1/2 on the object; None if no similar object is found.
     """
     check_range("band", band, 0, 1)
     wide = replace(crop, side=WIDER * crop.side, size=GRID)
@@ -49,18 +49,18 @@ def mask_in_photo(
 
 
 def mask_near(image: NDArray[np.float32], silhouette: NDArray[np.float32], band: int) -> NDArray[np.uint8] | None:
-    """GrabCut where a silhouette leaves it open: within a band about its outline.
+    """Run GrabCut within a band around the outline of a silhouette.
 
-    What is farther inside is object, farther outside is background, and the colours of both decide in between (Rother,
-    Kolmogorov, Blake 2004). Of what is found the largest connected part is kept.
+    Pixels farther inside are object, pixels farther outside are background, and their colours decide in between
+    (Rother, Kolmogorov, Blake 2004). The largest connected part is kept.
 
     Args:
         image: (H, W, 3), RGB in [0, 1].
-        silhouette: (H, W), above 1/2 on the object as it was drawn.
-        band: pixels to either side of the outline.
+        silhouette: (H, W), above 1/2 on the drawn object.
+        band: pixels on each side of the outline.
 
     Returns:
-        (H, W) of 0 and 1; None where nothing like the silhouette stands out.
+        (H, W) of 0 and 1; None if no similar object is found.
     """
     check_count("band", band, 0, max(image.shape))
     drawn = (silhouette > 0.5).astype(np.uint8)

@@ -26,7 +26,7 @@ def nocs_detections(result: Mapping[str, Any], shape: tuple[int, int]) -> Detect
         shape: (H, W) of the photo.
 
     Raises:
-        ValueError: if one of the four is missing or its shape does not fit the others or the photo.
+        ValueError: if one of the four is missing, or its shape does not match the others or the photo.
     """
     keys = next((keys for keys in (NOCS, DEFORMNET) if all(key in result for key in keys)), None)
     if keys is None:

@@ -36,11 +36,11 @@ SAME, AGREEING = 0.6, 0.7
 
 @dataclass(frozen=True)
 class Proposals:
-    """Boxes that may hold an object, whatever it is, best first.
+    """Boxes of likely objects of any class, best first.
 
     Attributes:
         boxes: (N, 4) left, top, right, bottom in pixels of the photo, inside it.
-        scores: (N, 23) in [0, 1], for each of `CLASSES` the highest score among the boxes that each box stands for.
+        scores: (N, 23) in [0, 1], for each of `CLASSES` the highest score among the merged boxes.
     """
 
     boxes: NDArray[np.float64]
@@ -51,7 +51,8 @@ class ObjectDetector:
     """SSD with MobileNetV2, trained on 23 classes of Open Images v4.
 
     A box (cy, cx, h, w) is coded against its anchor a as ((cy − a_cy)/a_h, (cx − a_cx)/a_w, log h/a_h, log w/a_w) times
-    (10, 10, 5, 5); scores are sigmoids of the logits. The photo goes in stretched to 300 × 300 pixels, RGB in [−1, 1].
+    (10, 10, 5, 5); scores are sigmoids of the logits. The input is the photo, stretched to 300 × 300 pixels, RGB in
+    [−1, 1].
 
     It knows mugs, coffee cups, bottles, laptops and cameras. Bowls and cans also get boxes, as its other classes
     resemble them; classes therefore do not matter where overlaps are dropped.
@@ -60,7 +61,7 @@ class ObjectDetector:
     "Objectron", CVPR 2021, whose detector it is.
 
     Args:
-        path: of the ONNX file; the bundled one by default.
+        path: path of the ONNX file; the bundled one by default.
 
     Raises:
         ValueError: if the file has another layout.
@@ -110,7 +111,7 @@ class ObjectDetector:
 
 @lru_cache
 def anchors() -> NDArray[np.float64]:
-    """The 1917 anchors of an SSD with six grids: (A, 4) cy, cx, h, w in sides of the picture.
+    """Return the 1917 anchors of an SSD with six grids: (A, 4) cy, cx, h, w in sides of the picture.
 
     Grid k has scale s_k, from 0.2 to 0.95 in even steps; an anchor of ratio r is s/√r high and s·√r wide. The last of
     six a cell is a square of √(s_k · s_{k+1}). Of the finest grid there are three: 0.1 at ratio 1, 0.2 at 2 and 1/2.
@@ -128,7 +129,7 @@ def anchors() -> NDArray[np.float64]:
 
 
 def iou(a: NDArray[Any], b: NDArray[Any]) -> NDArray[np.float64]:
-    """Intersection over union (N, M) of boxes (N, 4) and (M, 4), left, top, right, bottom."""
+    """Return the intersection over union (N, M) of boxes (N, 4) and (M, 4), left, top, right, bottom."""
     low, high = np.maximum(a[:, None, :2], b[None, :, :2]), np.minimum(a[:, None, 2:], b[None, :, 2:])
     common = (high - low).clip(0).prod(2)
     areas = [(boxes[:, 2:] - boxes[:, :2]).clip(0).prod(1) for boxes in (a, b)]

@@ -33,8 +33,8 @@ class Socket:
 
     Attributes:
         name: in the file.
-        shape: for each axis a number, or None where any serves.
-        kind: of its numbers, as ONNX Runtime spells it: "float", "float16", "int64".
+        shape: for each axis a number, or None for any.
+        kind: data type of its numbers, as ONNX Runtime spells it: "float", "float16", "int64".
     """
 
     name: str
@@ -53,20 +53,20 @@ class Socket:
 class OnnxNetwork:
     """A network in an ONNX file that takes one RGB picture, run by ONNX Runtime on the CPU.
 
-    The file may come from a stranger: a picture may take 300 seconds, and all networks together 4 GB of memory.
+    The file is untrusted: a picture may take 300 seconds, and all networks together 4 GB of memory.
 
     Args:
-        path: of the file.
+        path: path of the file.
 
     Attributes:
-        inputs, outputs: what goes in and comes out.
+        inputs, outputs: names, shapes and types.
         layout: the same in words.
-        sides: height and width of the picture, None where any serves.
-        channels_last: whether the picture goes in as (1, H, W, 3) and not as (1, 3, H, W) or (3, H, W).
+        sides: height and width of the picture, None for any.
+        channels_last: whether the input is (1, H, W, 3), instead of (1, 3, H, W) or (3, H, W).
 
     Raises:
         FileNotFoundError: if there is no such file.
-        ValueError: if ONNX Runtime cannot read it, or it takes something else than one picture of at most 4096 pixels
+        ValueError: if ONNX Runtime cannot read it, or its input is not one picture of at most 4096 pixels
             a side.
     """
 
@@ -104,24 +104,24 @@ class OnnxNetwork:
         self.sides = (shape[-2], shape[-1])
 
     def names(self) -> dict[int, str] | None:
-        """Class names by number, from the file's metadata as Ultralytics writes them; None without such.
+        """Return class names by number, from the file's metadata as Ultralytics writes them, or None.
 
         Raises:
             ValueError: if they cannot be read.
         """
-        said = self._session.get_modelmeta().custom_metadata_map.get("names")
-        if said is None:
+        text = self._session.get_modelmeta().custom_metadata_map.get("names")
+        if text is None:
             return None
         try:
-            if len(said) > LONGEST_NAMES:
-                raise ValueError(f"{len(said):,} characters are too many")
-            found = ast.literal_eval(said)  # literals alone: nothing is run
+            if len(text) > LONGEST_NAMES:
+                raise ValueError(f"{len(text):,} characters are too many")
+            found = ast.literal_eval(text)  # literals alone: nothing is run
             return {int(number): str(name) for number, name in dict(found).items()}
         except (ValueError, SyntaxError, TypeError, RecursionError, MemoryError) as error:
             raise ValueError(f"{self.path} names its classes in a way that cannot be read: {_line(error)}") from None
 
     def run(self, picture: NDArray[np.float32], names: list[str]) -> list[NDArray[Any]]:
-        """Outputs of these names, from a picture (h, w, 3) in the range that the network expects.
+        """Return the outputs of these names for a picture (h, w, 3) in the range of the network.
 
         Raises:
             ValueError: if the network fails on it, or returns other axes than its file declares.
@@ -142,8 +142,8 @@ class OnnxNetwork:
             (shape,) = (output.shape for output in self.outputs if output.name == name)
             sides = zip(shape, np.shape(part), strict=False)
             if np.ndim(part) != len(shape) or any(side not in (None, came) for side, came in sides):
-                told = ", ".join("?" if side is None else str(side) for side in shape)
-                raise ValueError(f"{self.path} gave {name} of shape {np.shape(part)}, its file declares ({told})")
+                declared = ", ".join("?" if side is None else str(side) for side in shape)
+                raise ValueError(f"{self.path} gave {name} of shape {np.shape(part)}, its file declares ({declared})")
             if np.size(part) > MOST_NUMBERS:
                 raise ValueError(
                     f"{self.path} gave {name} of shape {np.shape(part)}, more than {MOST_NUMBERS:,} numbers"

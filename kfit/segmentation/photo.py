@@ -36,9 +36,9 @@ class Photo:
 
     Attributes:
         image: (H, W, 3) float32, RGB in [0, 1].
-        alpha: (H, W) float32 in [0, 1], where the file has such a channel.
+        alpha: (H, W) float32 in [0, 1], or None.
         intrinsics: (3, 3), if the EXIF tags have the focal length.
-        camera_notes: sentences on what they rest on.
+        camera_notes: sentences about their source.
     """
 
     image: NDArray[np.float32]
@@ -51,12 +51,12 @@ def read_photo(path: str | Path) -> Photo:
     """Read a photo, with 8 or 16 bits, grey, of a palette or CMYK, with or without alpha.
 
     Its file is of one of the ``KINDS``, as JPEG, PNG, WebP, AVIF and TIFF are, or HEIC, which needs the extra
-    ``kfit[heif]``. The EXIF rotation is carried out. Of a file with several pictures the first is read.
+    ``kfit[heif]``. The EXIF rotation is applied. The first picture of a file is read.
 
     Raises:
         FileNotFoundError: if there is no such file.
-        ImportError: for a HEIC picture without the package that decodes it.
-        ValueError: if it is no image, is damaged, or has more than 10,000 pixels on a side or 65 megapixels.
+        ImportError: if a HEIC picture needs a missing package.
+        ValueError: if it is not an image, is damaged, or has more than 10,000 pixels on a side or 65 megapixels.
     """
     picture, tags = _open(path)
     height, width = picture.height, picture.width
@@ -86,14 +86,14 @@ def mask_from_file(path: str | Path, shape: tuple[int, int], may_be_empty: bool 
 
     Args:
         shape: (H, W) of the photo that it belongs to.
-        may_be_empty: the object need not be in the photo.
+        may_be_empty: whether the mask may be empty.
 
     Returns:
         (H, W), 1 on the object and 0 elsewhere.
 
     Raises:
         FileNotFoundError: if there is no such file.
-        ValueError: if it is no image, its size is not the photo's, or it is empty and may not be.
+        ValueError: if it is not an image, differs in size from the photo, or is empty although it must not be.
     """
     picture, _ = _open(path)
     if (picture.height, picture.width) != tuple(shape):
@@ -120,11 +120,11 @@ def depth_from_file(path: str | Path, shape: tuple[int, int]) -> NDArray[np.floa
         shape: (H, W) of the photo that it belongs to.
 
     Returns:
-        (H, W) in metres along the camera's axis; what is not above 0 and finite is unknown.
+        (H, W) in metres along the camera's axis; values that are not above 0 and finite are unknown.
 
     Raises:
         FileNotFoundError: if there is no such file.
-        ValueError: if it is neither, its size is not the photo's, or no depth is known in it.
+        ValueError: if it is neither, differs in size from the photo, or has no known depth.
     """
     if Path(path).suffix == ".npy":
         check_is_file(path)
@@ -151,9 +151,10 @@ def depth_from_file(path: str | Path, shape: tuple[int, int]) -> NDArray[np.floa
 
 
 def mask_from_alpha(alpha: NDArray[np.float32] | None) -> NDArray[np.float32] | None:
-    """The alpha channel as a mask (H, W), or None where it does not set an object off.
+    """Return the alpha channel as a mask (H, W), or None if it does not select an object.
 
-    It does if it has opaque pixels and transparent ones; an alpha channel that is opaque everywhere selects nothing.
+    It selects an object if it has both opaque and transparent pixels; an alpha channel that is opaque everywhere
+    selects nothing.
     """
     if alpha is None or not ((alpha > 0.9).any() and (alpha < 0.1).any()):
         return None
@@ -161,12 +162,12 @@ def mask_from_alpha(alpha: NDArray[np.float32] | None) -> NDArray[np.float32] | 
 
 
 def _is_grey(palette: Sequence[int]) -> bool:
-    """Whether a palette (red, green, blue by turns) holds greys alone."""
+    """Return whether a palette (red, green, blue in turn) has greys only."""
     return palette[::3] == palette[1::3] == palette[2::3]
 
 
 def _open(path: str | Path) -> tuple[Image.Image, dict[int, object]]:
-    """The upright picture and its EXIF tags."""
+    """Return the upright picture and its EXIF tags."""
     check_is_file(path)
     size, colours = None, None
     kinds: tuple[str, ...] = KINDS

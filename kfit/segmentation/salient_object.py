@@ -1,4 +1,4 @@
-"""The object that stands out in a box, by a network."""
+"""The salient object in a box, by a network."""
 
 from __future__ import annotations
 
@@ -31,21 +31,20 @@ EDGE_RADIUS, EDGE_VARIANCE = 1.5, 1e-4
 
 
 class SalientObject(Segmenter):
-    """U²-Net or IS-Net on a box and a quarter of its size around it; without a box, on the whole picture.
+    """Segment by U²-Net or IS-Net on a box enlarged by a quarter, or on the whole picture.
 
-    The network's first output is a mask (1, 1, h, w) in [0, 1] of what stands out. Of what it finds inside the box the
-    largest connected part is kept, and holes under 1 % of it are filled. A mask with fewer pixels than the photo is
+    The network's first output is a mask (1, 1, h, w) in [0, 1] of saliency. The largest connected part inside of
+    the box is kept, and holes under 1 % of it are filled. A mask with fewer pixels than the photo is
     fitted to the photo's edges by a guided filter. It knows no categories.
 
-    The size of the picture that the network takes tells which of the two it is. Up to 512 pixels it is U²-Net: RGB less
-    ImageNet's mean over its deviation, and the mask is stretched from its minimum to its maximum. Larger ones, or any
-    size, are IS-Net's: RGB − 1/2.
+    The input size distinguishes the two. Up to 512 pixels it is U²-Net: RGB is normalised by ImageNet's mean and
+    deviation, and the mask is stretched from its minimum to its maximum. Larger or free sizes are IS-Net's: RGB − 1/2.
 
     Args:
-        network: of that layout.
+        network: network with that layout.
 
     Raises:
-        ValueError: if its layout is another.
+        ValueError: if it has another layout.
 
     Source: Qin et al., "U²-Net: Going deeper with nested U-structure for salient object detection", Pattern
     Recognition 2020; Qin et al., "Highly accurate dichotomous image segmentation", ECCV 2022.
@@ -81,7 +80,7 @@ class SalientObject(Segmenter):
         return Segment(largest_part(inside).astype(np.float32), (WHOLE_PICTURE,) if box is None else ())
 
     def saliency(self, image: NDArray[np.float32]) -> NDArray[np.float32]:
-        """How much each pixel of a picture (H, W, 3), RGB in [0, 1], stands out: (H, W) in [0, 1].
+        """Return the saliency (H, W) in [0, 1] of a picture (H, W, 3), RGB in [0, 1].
 
         Raises:
             ValueError: if the network's output is not such a mask.

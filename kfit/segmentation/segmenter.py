@@ -15,12 +15,12 @@ WHOLE_PICTURE = "no mask or box given: the salient object of the whole picture w
 
 @dataclass(frozen=True)
 class Segment:
-    """Where one object is.
+    """The mask of one object.
 
     Attributes:
         mask: (H, W), 1 on the object and 0 elsewhere.
-        notes: sentences on what was assumed.
-        doubts: sentences on what may be wrong, which hold the answer's confidence at 50 %.
+        notes: sentences about assumptions.
+        doubts: sentences about possible errors, which limit the answer's confidence to 50 %.
     """
 
     mask: NDArray[np.float32]
@@ -29,7 +29,7 @@ class Segment:
 
 
 class Segmenter(ABC):
-    """Says which pixels of a photo show the object."""
+    """Finds the pixels of an object in a photo."""
 
     @abstractmethod
     def __call__(self, image: NDArray[np.float32], category: str, box: Box | None = None) -> Segment:
@@ -37,8 +37,8 @@ class Segmenter(ABC):
 
         Args:
             image: (H, W, 3), RGB in [0, 1].
-            category: of the object if no box selects it; one of `kfit.geometry.CATEGORIES`.
-            box: left, top, width, height in pixels around the object, of whatever kind it is.
+            category: category of the object if no box selects it; one of `kfit.geometry.CATEGORIES`.
+            box: left, top, width, height in pixels around the object, of any kind.
 
         Raises:
             ValueError: if the box cannot be used or no such object is found, in one sentence.
@@ -46,24 +46,24 @@ class Segmenter(ABC):
 
 
 def clipped(box: Box, width: int, height: int) -> tuple[int, int, int, int]:
-    """Left, top, right and bottom of the part of a box that lies in a picture, the latter two exclusive.
+    """Return left, top, right and bottom of the part of a box in a picture, the latter two exclusive.
 
     Raises:
         ValueError: if that part has less than 4 pixels a side.
     """
     x, y, across, down = box
-    said = f"box {spell(box)} (left, top, width, height)"
+    described = f"box {spell(box)} (left, top, width, height)"
     if not (across > 0 and down > 0 and all(map(math.isfinite, box))):
-        raise ValueError(f"{said} has no area; the picture has {width} x {height} pixels")
+        raise ValueError(f"{described} has no area; the picture has {width} x {height} pixels")
     left, right = max(0, round(x)), min(width, round(x + across))
     top, bottom = max(0, round(y)), min(height, round(y + down))
     if left >= right or top >= bottom:
-        raise ValueError(f"{said} lies outside the picture of {width} x {height} pixels")
+        raise ValueError(f"{described} lies outside the picture of {width} x {height} pixels")
     if min(right - left, bottom - top) < 4:
-        raise ValueError(f"{said} leaves less than 4 pixels a side in the picture of {width} x {height} pixels")
+        raise ValueError(f"{described} leaves less than 4 pixels a side in the picture of {width} x {height} pixels")
     return left, top, right, bottom
 
 
 def spell(box: Box) -> str:
-    """A box as its user wrote it."""
+    """Format a box as its user wrote it."""
     return "(" + ", ".join(f"{number:g}" for number in box) + ")"

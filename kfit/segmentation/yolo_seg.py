@@ -27,14 +27,14 @@ class YoloSeg(Detector):
 
     Two outputs: M prototypes P, (1, M, h, w), and either (1, 4 + classes + M, anchors), an anchor's box (centre, width,
     height), score by class and coefficients c, or (1, anchors, 6 + M) with overlaps suppressed: box (left, top, right,
-    bottom), score, class and coefficients. A mask is σ(Σ_m c_m P_m) inside its box. The photo goes in on a grey canvas,
-    RGB in [0, 1]. Class names are the file's own; without such, COCO's where there are 80.
+    bottom), score, class and coefficients. A mask is σ(Σ_m c_m P_m) inside its box. The input is the photo on a grey
+    canvas, RGB in [0, 1]. Class names are the file's or, if it has none, COCO's for 80 classes.
 
     Args:
-        network: of that layout.
+        network: network with that layout.
 
     Raises:
-        ValueError: if its layout is another.
+        ValueError: if it has another layout.
 
     Source: Bolya et al., "YOLACT", ICCV 2019, for the prototypes; Ultralytics' guide to end-to-end detection for the
     layouts.
@@ -103,7 +103,7 @@ def _suppressed(rows: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any], NDArray
 
 
 def _suppress(found: NDArray[Any], extra: int) -> tuple[NDArray[Any], NDArray[Any], NDArray[np.int_], NDArray[Any]]:
-    """Boxes, scores, classes and coefficients of the anchors that no surer one of their class overlaps."""
+    """Return boxes, scores, classes and coefficients of anchors that no better one of their class overlaps."""
     rows = found.T
     score = rows[:, 4:-extra].max(1)
     likely = np.flatnonzero(np.isfinite(rows).all(1) & (score >= SURE))

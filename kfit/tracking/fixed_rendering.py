@@ -1,45 +1,54 @@
-"""A fixed picture that is moved in its plane, and fixed starts, for tracking."""
+"""A drawn picture that is moved in its plane, for tracking."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from typing import Any
 
-import torch
-from torch import Tensor
+from kfit.core import Generator, Observation, Rendering, Variables
+from kfit.energies import L2, Silhouette
+from kfit.fitting.pipeline import FitPipeline
+from kfit.generators import SimilarityWarp
+from kfit.initializers import Constant
+from kfit.optimizers import GaussNewton
 
-from kfit.core import Angle, Generator, Initializer, Observation, Positive, Rendering, Variable, Variables
-from kfit.generators.similarity_warp import warp
-
-
-class FixedStart(Initializer):
-    """Start at fixed values."""
-
-    def __init__(self, on: Sequence[str]) -> None:
-        self.on = tuple(on)
-        self.values: Variables = {}
-
-    def __call__(
-        self,
-        variables: Mapping[str, Variable],
-        observation: Observation,
-        num_starts: int,
-        rngs: Sequence[torch.Generator],
-    ) -> Variables:
-        return self.values
+# Finite differences of roll, shift and scale in raw units: about 2° and 0.7 pixel.
+LENGTHS = {"roll": 0.012, "shift": 0.02, "scale": 0.02}
+STEPS = 3
 
 
 class FixedRendering(Generator):
-    """One picture, rotated, shifted and scaled."""
+    """A generator of one drawn picture, without variables.
 
-    drawn: Rendering
+    Args:
+        drawn: the picture.
+    """
 
-    def __init__(self) -> None:
+    def __init__(self, drawn: Rendering) -> None:
         super().__init__()
-        self.variables = {
-            "roll": Variable((), Angle()),
-            "shift": Variable((2,)),
-            "scale": Variable((), Positive()),
-        }
+        self.drawn, self.variables = drawn, {}
 
-    def forward(self, **values: Tensor) -> Rendering:
-        return warp(self.drawn, values["roll"], values["shift"], values["scale"])
+    def forward(self, **values: Any) -> Rendering:
+        return self.drawn
+
+
+def moved_in_plane(drawn: Rendering, values: Variables, observation: Observation) -> Variables:
+    """Fit roll, shift and scale of one drawn picture by three steps of Gauss-Newton.
+
+    Args:
+        drawn: the picture before the warp.
+        values: where they start, (1, \\*shape) each.
+        observation: with a mask.
+
+    Returns:
+        Their fitted values.
+    """
+    # Features are too rough for such long differences: with EfficientNet's, Gauss-Newton hardly moves.
+    place = FitPipeline(
+        SimilarityWarp(FixedRendering(drawn)),
+        {"image": L2(), "silhouette": Silhouette()},
+        [Constant({name: values[name][0].tolist() for name in LENGTHS})],
+        GaussNewton(LENGTHS),
+        num_starts=1,
+        num_steps=STEPS,
+    )
+    return place(observation, seed=0).values

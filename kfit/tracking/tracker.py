@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import torch
@@ -14,12 +14,12 @@ from torch import Tensor
 
 from kfit.core import FitResult, Observation, Rendering, Variables, frozen
 from kfit.core.check import check_count
-from kfit.energies import L2, PosePrior, Silhouette
+from kfit.energies import PosePrior
 from kfit.fitting.pipeline import FitPipeline
 from kfit.generators import SimilarityWarp
 from kfit.generators.similarity_warp import warp
-from kfit.geometry import Crop, rotation_error
-from kfit.initializers import PosePosterior
+from kfit.geometry import Crop
+from kfit.initializers import Constant, PosePosterior
 from kfit.optimizers import GaussNewton
 from kfit.pose.category_model import CategoryModel
 from kfit.pose.confidence import DOUBTFUL, evidence
@@ -29,21 +29,14 @@ from kfit.pose.inputs import as_numbers, as_photo, choose_mask
 from kfit.pose.placement import placement
 from kfit.pose.result import PoseResult
 from kfit.segmentation import Photo, binary_mask, mask_in_photo, read_photo
-from kfit.tracking.fixed_rendering import FixedRendering, FixedStart
+from kfit.tracking.fixed_rendering import LENGTHS, moved_in_plane
+from kfit.tracking.track_quality import GOOD_OVERLAP, TrackQuality
 from kfit.tracking.tracked_pose import TrackedPose
 
-# Finite differences of roll, shift and scale in raw units: about 2° and 0.7 pixel.
-LENGTHS = {"roll": 0.012, "shift": 0.02, "scale": 0.02}
-STEPS = 3
+Mask: TypeAlias = NDArray[np.float32]
 # Width of the band around the silhouette in which the mask is segmented, as a fraction of the grid: after a good mask,
 # and after a bad one.
 BAND, WIDE_BAND = 0.05, 0.09
-# Overlap of drawing and mask below which the object is lost, and above which a mask is good.
-LOST, GOOD = 0.6, 0.85
-# Multiple of the running mean of the energy above which it is lost too, and update rate of this mean.
-UNUSUAL, LEARNING = 2.0, 0.2
-# Angle between frames in degrees that counts as a jump, and number of frames without a jump until a pose is trusted.
-JUMP_DEG, CALM = 30.0, 5
 # Weight of the last motion in the extrapolation.
 MOMENTUM = 0.5
 
@@ -83,21 +76,12 @@ class Tracker:
         if model.pose_head is None:
             raise ValueError(f"track: the model of {model.card.category} has no pose head, which tracking needs")
         self.model, self.seed, self.num_drawn = model, seed, 0
-        self.reads, self.says = PosePosterior(model.pose_head), PosePrior(model.pose_head)
+        self.posterior, self.prior = PosePosterior(model.pose_head), PosePrior(model.pose_head)
         self.energies = default_energies()
-        # Features are too rough for such long differences: with EfficientNet's, Gauss-Newton hardly moves.
-        self.place = FitPipeline(
-            FixedRendering(),
-            {"image": L2(), "silhouette": Silhouette()},
-            [FixedStart(("roll", "shift", "scale"))],
-            GaussNewton(LENGTHS),
-            num_starts=1,
-            num_steps=STEPS,
-        )
-        self.calm, self.before = CALM, torch.from_numpy(first.rotation)
-        self._start(first)
+        rotation, energy = torch.from_numpy(first.rotation), first.energy
+        self._start(first, TrackQuality(model.card.known.symmetry, rotation, energy, energy))
 
-    def _start(self, first: PoseResult) -> None:
+    def _start(self, first: PoseResult, quality: TrackQuality) -> None:
         values = first.fit.values
         self.code, self.size = values["code"], first.size
         names = ("azimuth", "elevation", "roll", "shift", "scale", "focal")
@@ -105,12 +89,11 @@ class Tracker:
         self.motion = {name: torch.zeros_like(self.values[name]) for name in ("azimuth", "elevation", "roll")}
         self.crop, self.drift = first.crop, (0.0, 0.0, 1.0)
         self.camera = torch.from_numpy(first.intrinsics)
-        self.starts = FixedStart(tuple(self.values))
         self.bound = frozen(self.model.generator).bind(code=self.code[0])
         self.rank = FitPipeline(
             SimilarityWarp(self.bound),
-            {**{name: energy for name, (energy, _) in self.energies.items()}, "pose": self.says},
-            [self.starts],
+            {**{name: energy for name, (energy, _) in self.energies.items()}, "pose": self.prior},
+            [Constant({name: value[0].tolist() for name, value in self.values.items()})],
             GaussNewton(dict.fromkeys(self.values, 0.01)),
             weights={
                 **{name: weight for name, (_, weight) in self.energies.items()},
@@ -119,14 +102,15 @@ class Tracker:
             num_starts=2,
             num_steps=0,
         )
-        self.usual = self.fitted = first.energy
-        self.last = self._told(first.energy, first.confidence, first.mask, first.observation, self._drawn(), anew=True)
+        self.quality = quality
+        drawn = self._drawn()
+        self.last = self._answer(first.energy, first.confidence, first.mask, first.observation, drawn, anew=True)
 
     def __call__(self, frame: str | Path | Photo | NDArray[Any], mask: NDArray[Any] | None = None) -> TrackedPose:
         """Find the object in the next frame.
 
         Args:
-            frame: of the size of the first.
+            frame: image of the same size as the first.
             mask: (H, W), above one half on the object, empty if it is not visible; None segments it.
 
         Returns:
@@ -158,91 +142,80 @@ class Tracker:
             self.crop.centre[1] - before.centre[1],
             self.crop.side / before.side,
         )
-        seen = self.crop.cut(pixels, found)
-        energy, confidence = self._pose(seen)
-        drawn = self._placed(seen)
+        observation = self.model.read(self.crop.cut(pixels, found))
+        energy, confidence = self._pose(observation)
+        drawn = self._placed(observation)
         for name in self.motion:
             self.motion[name] = MOMENTUM * (self.motion[name] + _wrapped(self.values[name] - values[name]))
-        self.last = self._told(energy, confidence, found, seen, drawn, anew=False)
-        self.usual += LEARNING * (min(energy, UNUSUAL * self.usual) - self.usual)
+        self.last = self._answer(energy, confidence, found, observation, drawn, anew=False)
+        self.quality.learn(energy)
         return self._anew(pixels) if mask is None and self.last.lost else self.last
 
-    def _pose(self, seen: Observation) -> tuple[float, float]:
+    def _pose(self, observation: Observation) -> tuple[float, float]:
         """Choose azimuth and elevation; return the least energy and the confidence."""
         moved = self.values | {name: self.values[name] + self.motion[name] for name in self.motion}
-        told = self.values | self._read(seen)
-        self.starts.values = {name: torch.cat([moved[name], told[name]]) for name in moved}
-        best = self.rank(seen, seed=0)
+        predicted = self.values | self._read(observation)
+        starts = {name: torch.cat([moved[name], predicted[name]]) for name in moved}
+        best = self.rank(observation, seed=0, starts=starts)
         self.num_drawn += 3  # both, and the winner again
         self.values = dict(best.values)
-        return float(best.energy[0]), self._confidence(best, seen)
+        return float(best.energy[0]), self._confidence(best, observation)
 
-    def _confidence(self, ranked: FitResult, seen: Observation) -> float:
+    def _confidence(self, ranked: FitResult, observation: Observation) -> float:
         """Return the confidence by the model's calibration, from the two compared poses and the pose head."""
         symmetry, head = self.model.card.known.symmetry, self.model.pose_head
-        looks = self.model.pose_log_probabilities(seen.image)
-        found = alternatives(ranked, torch.eye(3, dtype=torch.float64), symmetry)
-        near = None if head is None or looks is None else head_probability(ranked, looks[0], head, symmetry)
-        calibration, told = self.model.card.calibration.get("RGB"), evidence(found, near)
-        if calibration is None or not set(calibration.coefficients) <= set(told):
+        log_probability = self.model.pose_log_probabilities(observation)
+        found = alternatives(ranked, torch.eye(3).double(), symmetry)
+        near = None
+        if head is not None and log_probability is not None:
+            near = head_probability(ranked, log_probability[0], head, symmetry)
+        calibration, features = self.model.card.calibration.get("RGB"), evidence(found, near)
+        if calibration is None or not set(calibration.coefficients) <= set(features):
             return found[0].weight
-        sure = calibration.probability(told)
-        return min(sure, DOUBTFUL) if found[0].energy > calibration.energy_99 else sure
+        confidence = calibration.probability(features)
+        return min(confidence, DOUBTFUL) if found[0].energy > calibration.energy_99 else confidence
 
-    def _read(self, seen: Observation) -> Variables:
+    def _read(self, observation: Observation) -> Variables:
         """Return the likeliest rotation of the pose head; roll is omitted if the head does not predict it."""
-        start = self.reads({}, seen, 1, [])
+        start = self.posterior({}, observation, 1, [])
         return {
             name: value.to(self.values[name])
             for name, value in start.items()
-            if name != "roll" or self.reads.head.predicts_roll
+            if name != "roll" or self.posterior.head.predicts_roll
         }
 
-    def _placed(self, seen: Observation) -> Rendering:
+    def _placed(self, observation: Observation) -> Rendering:
         """Fit roll, shift and scale of the one drawing, and return the drawing."""
         drawn = self._drawn()
-        self.place.generator.drawn = drawn  # type: ignore[assignment]
-        own = {name: self.values[name] for name in LENGTHS}
-        self.place.initializers[0].values = own  # type: ignore[attr-defined]
-        self.values = self.values | self.place(seen, seed=0).values
+        self.values = self.values | moved_in_plane(drawn, self.values, observation)
         return drawn
 
     def _drawn(self) -> Rendering:
-        seen = {name: self.values[name] for name in ("azimuth", "elevation")}
+        fixed = {name: self.values[name] for name in ("azimuth", "elevation")}
         if "focal" in self.values:
-            seen["focal"] = self.values["focal"] / self.values["scale"]
+            fixed["focal"] = self.values["focal"] / self.values["scale"]
         with torch.no_grad():
-            drawn: Rendering = self.bound(**seen)
-        return drawn
+            return self.bound(**fixed)
 
-    def _told(
-        self,
-        energy: float,
-        confidence: float,
-        mask: NDArray[np.float32],
-        seen: Observation,
-        drawn: Rendering,
-        anew: bool,
+    def _answer(
+        self, energy: float, confidence: float, mask: Mask, observation: Observation, drawn: Rendering, anew: bool
     ) -> TrackedPose:
         """The answer, and what the next frame begins with."""
         own = {name: self.values[name] for name in LENGTHS}
         with torch.no_grad():
             picture = warp(drawn, **own)
             self.silhouette = picture.field("mask")[0, 0]
-            away = self.silhouette.minimum(seen.field("mask")[0, 0]).sum()
-            overlap = away / self.silhouette.maximum(seen.field("mask")[0, 0]).sum()
+            away = self.silhouette.minimum(observation.field("mask")[0, 0]).sum()
+            overlap = away / self.silhouette.maximum(observation.field("mask")[0, 0]).sum()
             rotation, translation, _ = placement(self.values, self.crop, self.camera, self.model.card)
-        lost = float(overlap) < LOST or energy > UNUSUAL * self.usual
-        jump = rotation_error(rotation[0], self.before, self.model.card.known.symmetry).rad2deg() > JUMP_DEG
-        self.calm, self.before = 0 if jump else self.calm + 1, rotation[0]
-        doubtful = lost or float(overlap) < GOOD or energy > UNUSUAL * self.fitted or self.calm < CALM
+        lost, confidence = self.quality.assess(energy, float(overlap), rotation[0], confidence)
         return TrackedPose(
             rotation[0].numpy(),
             translation[0].numpy(),
             self.size,
             energy,
             float(overlap),
-            min(confidence, DOUBTFUL) if doubtful else confidence,
+            confidence,
             lost,
             anew,
             self.camera.double().numpy(),
@@ -252,28 +225,22 @@ class Tracker:
             self.silhouette.numpy(),
         )
 
-    def _nearby(self, pixels: NDArray[np.float32]) -> NDArray[np.float32] | None:
-        """Segment the mask around the expected silhouette."""
-        self.crop = self._expected()
-        band = BAND if self.last.overlap > GOOD else WIDE_BAND
-        return mask_in_photo(pixels, self.silhouette.numpy(), self.crop, band)
-
-    def _expected(self) -> Crop:
-        """Return the crop, extrapolated from the last motion."""
+    def _nearby(self, pixels: NDArray[np.float32]) -> Mask | None:
+        """Segment the mask around the silhouette, extrapolated from the last motion."""
         (x, y), (right, down, larger) = self.crop.centre, self.drift
-        return replace(self.crop, centre=(x + right, y + down), side=self.crop.side * larger)
+        self.crop = replace(self.crop, centre=(x + right, y + down), side=self.crop.side * larger)
+        band = BAND if self.last.overlap > GOOD_OVERLAP else WIDE_BAND
+        return mask_in_photo(pixels, self.silhouette.numpy(), self.crop, band)
 
     def _anew(self, pixels: NDArray[np.float32]) -> TrackedPose:
         """Fit the frame from scratch, in the box where the object is expected."""
         left, top = (middle - self.crop.side / 2 for middle in self.crop.centre)
         box = (left, top, self.crop.side, self.crop.side)
         try:
-            usual = self.usual
-            self._start(self.model.pose(pixels, box=box, intrinsics=self.camera, seed=self.seed))
+            found = self.model.pose(pixels, box=box, intrinsics=self.camera, seed=self.seed)
         except ValueError:  # no object found in this frame
             return self._unseen()
-        if self.last.energy > UNUSUAL * usual:  # another object was found
-            self.last, self.usual = replace(self.last, lost=True, confidence=min(self.last.confidence, DOUBTFUL)), usual
+        self._start(found, self.quality.fitted_anew(found.energy))
         return self.last
 
     def _unseen(self) -> TrackedPose:

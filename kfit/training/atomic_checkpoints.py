@@ -15,8 +15,8 @@ from kfit.runtime.atomic_write import atomic_write
 class AtomicCheckpoints(TorchCheckpointIO):
     """Writes each checkpoint to a temporary file, and moves it to its place once it is on disk.
 
-    Lightning writes it to the folder of temporary files, and where that is on another disk copies it over the last one:
-    what ends the copy leaves neither.
+    Lightning writes it to the folder of temporary files and, if that is on another disk, copies it over the last one:
+    an interrupted copy destroys both.
     """
 
     def save_checkpoint(self, checkpoint: dict[str, Any], path: str | Path, storage_options: Any | None = None) -> None:

@@ -1,4 +1,4 @@
-"""Pictures of procedural objects, of other things, and of nothing in particular, before photos of scikit-image's."""
+"""Pictures of procedural objects, of other objects, and of background, in front of scikit-image's photos."""
 
 from __future__ import annotations
 
@@ -47,12 +47,12 @@ class Scene:
 
 
 def object_scene(category: str, seed: int, rng: np.random.Generator) -> Scene:
-    """An object of a category of `kfit.geometry.CATEGORIES`, of any shape and texture family, standing or lying."""
+    """Draw an object of a category, of any shape and texture family, standing or lying."""
     return _before_photo(*shapes.build(category, seed, held_out=bool(rng.random() < 0.4)), rng)
 
 
 def other_scene(rng: np.random.Generator) -> Scene:
-    """A thing that is of no category: a box, an egg, a bent stick or a turned body of random profile."""
+    """Draw an object of no category: a box, an egg, a bent stick or a body of revolution with a random profile."""
     return _before_photo(_other(rng).normalised(), Light.random(rng), rng)
 
 
@@ -94,14 +94,14 @@ def _view(mesh: Mesh, light: Light, rng: np.random.Generator) -> View:
 
 
 def _photographed(image: NDArray, rng: np.random.Generator) -> NDArray:
-    """With another exposure, cast, noise and sharpness."""
+    """Change exposure, cast, noise and sharpness."""
     image = image.clip(0, 1) ** rng.uniform(0.7, 1.4) * rng.uniform(0.7, 1.15) * (1 + rng.normal(0, 0.06, 3))
     image = image + rng.normal(0, rng.uniform(0, 0.03), image.shape)
     return cv2.GaussianBlur(image, (0, 0), rng.uniform(0.4, 1.5)) if rng.random() < 0.4 else image
 
 
 def _background(rng: np.random.Generator) -> NDArray:
-    """Part of a photo, or an even ground; below, half of the time, a table."""
+    """Return a part of a photo, or a uniform background; half of the time with a table below."""
     if rng.random() < 0.75:
         photo = _photo(PHOTOS[rng.integers(len(PHOTOS))])
         size = int(min(photo.shape[:2]) * rng.uniform(0.25, 1))
@@ -143,7 +143,7 @@ def _other(rng: np.random.Generator) -> Mesh:
 
 
 def _box(half: NDArray, skin: NDArray) -> Mesh:
-    """A box with half sides (3,)."""
+    """Return a box with half sides (3,)."""
     faces = []
     for axis in range(3):
         for side in (-1, 1):

@@ -1,6 +1,6 @@
 """Trains the classifier of categories: ``python -m kfit.training.category_training FILE``.
 
-The bundled weights are those of the defaults, which take some ten minutes of one core.
+The bundled weights are those of the defaults, which take about ten minutes on one core.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def train(out: Path, num_objects: int = 250, penalty: float = 0.3, seed: int = 0
         out: A .safetensors file.
         num_objects: Objects of each category; of other things and of empty boxes there are as many each.
         penalty: Weight of the squared corrections of ImageNet's classes.
-        seed: Decides the random numbers.
+        seed: Determines the random numbers.
     """
     network, rng = ImageNetClassifier(), np.random.default_rng(seed)
     rows, targets = [], []
@@ -50,7 +50,7 @@ def train(out: Path, num_objects: int = 250, penalty: float = 0.3, seed: int = 0
 
 
 def scenes(num_objects: int, rng: np.random.Generator) -> Iterator[tuple[str, Scene]]:
-    """Names out of `NAMES` and pictures."""
+    """Yield names of `NAMES` and pictures."""
     for number in range(num_objects):
         for category in CATEGORIES:
             yield category, object_scene(category, number, rng)
@@ -59,14 +59,14 @@ def scenes(num_objects: int, rng: np.random.Generator) -> Iterator[tuple[str, Sc
 
 
 def crop(scene: Scene, rng: np.random.Generator) -> Tensor:
-    """The square (3, 224, 224) around a box that is not quite exact, with a margin between 8 and 25 % a side."""
+    """Return the square (3, 224, 224) around an inexact box, with a margin of 8 to 25 % on each side."""
     sides = scene.box[2:] - scene.box[:2]
     box = scene.box + rng.normal(0, 0.05, 4) * np.tile(sides, 2)
     return object_square((scene.image / 255).astype(np.float32), box, rng.uniform(0.08, 0.25))
 
 
 def solve(features: Tensor, prior: Tensor, targets: Tensor, penalty: float) -> tuple[Tensor, Tensor, Tensor]:
-    """Weight (7, 1280), bias (7,) and trust () of features (N, 1280), as they come, and prior (N, 7)."""
+    """Return weight (7, 1280), bias (7,) and trust () for features (N, 1280), not standardised, and prior (N, 7)."""
     mean, deviation = features.mean(0), features.std(0) + LEAST_DEVIATION
     standard = (features - mean) / deviation
     weight = torch.zeros(len(NAMES), features.shape[1], requires_grad=True)

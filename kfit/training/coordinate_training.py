@@ -1,10 +1,11 @@
-"""Teaching a network to read object coordinates off pictures."""
+"""Training of a network that predicts object coordinates."""
 
 from __future__ import annotations
 
 import inspect
 
 import torch
+from lightning.pytorch.cli import LRSchedulerCallable, OptimizerCallable
 from torch import Tensor
 
 from kfit.baselines import CoordinateRegressor
@@ -17,24 +18,25 @@ from kfit.training.training import Training
 
 
 class CoordinateTraining(Training):
-    """Shows a regressor views of many objects, each with the object coordinates that its pixels see.
+    """Train a regressor on views of many objects with the object coordinates of their pixels.
 
     L = mean_n of `kfit.baselines.CoordinateRegressor.divergence`. Batches are those of `kfit.data.ViewsDataModule` with
-    depth; their targets are shown, whose coordinates follow from depth, pose and camera, see ``coordinates_of``.
+    depth; their targets are used, whose coordinates follow from depth, pose and camera, see ``coordinates_of``.
 
     Args:
-        regressor: learns.
+        regressor: the network.
         rate: largest learning rate of AdamW; it rises over the first twentieth of the steps and falls as a cosine.
-        weight_decay: of AdamW.
-        unit_fraction: of the views' camera: the share of the width that a unit diagonal spans; ``lightning`` sets the
-            category's.
-        distance: of the views' camera in box diagonals, for batches that do not hold it.
-        jitter: how views are turned, shifted and scaled, and their coordinates with them; None shows them as they are.
-        recolor: how their colours are changed; None leaves them.
+        weight_decay: weight decay of AdamW.
+        unit_fraction: fraction of the picture's width that a unit diagonal has in the views' camera; ``lightning``
+            sets the category's.
+        distance: distance of the views' camera in box diagonals, for batches without it.
+        similarity: random rotation, shift and scale of views, with their coordinates; None for none.
+        recoloring: augmentation of colours; None for none.
         compile: compile the regressor (`torch.compile`). Without a C++ compiler training goes on uncompiled.
+        optimizer, scheduler: as in `kfit.training.training.Training`; ``rate`` and ``weight_decay`` are of its AdamW.
 
     Raises:
-        ValueError: in training, for batches without depth, and when it starts, for a trainer without an end.
+        ValueError: in training, if a batch has no depth and, when it starts, if the trainer has no end.
     """
 
     def __init__(
@@ -44,11 +46,13 @@ class CoordinateTraining(Training):
         weight_decay: float = 1e-3,
         unit_fraction: float = UNIT_FRACTION,
         distance: float = DISTANCE,
-        jitter: RandomSimilarity | None = None,
-        recolor: RandomRecolor | None = None,
+        similarity: RandomSimilarity | None = None,
+        recoloring: RandomRecolor | None = None,
         compile: bool = False,
+        optimizer: OptimizerCallable | None = None,
+        scheduler: LRSchedulerCallable | None = None,
     ) -> None:
-        super().__init__()
+        super().__init__(optimizer, scheduler)
         check_positive("rate", rate)
         check_range("weight_decay", weight_decay, 0)
         check_range("unit_fraction", unit_fraction, 0.1, 10.0)
@@ -57,27 +61,27 @@ class CoordinateTraining(Training):
         self.remember(inspect.currentframe())
         self.regressor, self.rate, self.weight_decay = regressor, rate, weight_decay
         self.unit_fraction, self.distance = unit_fraction, distance
-        self.jitter, self.recolor, self.compiles = jitter, recolor, compile
+        self.similarity, self.recoloring, self.compiles = similarity, recoloring, compile
 
     def on_fit_start(self) -> None:
         if self.compiles:
             self.compile_networks(self.regressor)
 
     def forward(self, image: Tensor) -> Tensor:
-        """Logits (N, 3, B, S, S) of the coordinates that pictures (N, 3, S, S) show."""
-        said: Tensor = self.regressor(image)
-        return said
+        """Return logits (N, 3, B, S, S) of the coordinates in pictures (N, 3, S, S)."""
+        output: Tensor = self.regressor(image)
+        return output
 
     def training_step(self, batch: dict[str, Tensor], batch_idx: int) -> Tensor:
         with torch.no_grad():
             image, mask, truth = self._views(batch)
-            image = image if self.recolor is None else self.recolor(image)
-            if self.jitter is not None:
-                # What comes in from outside is 1: the ground's share is, and coordinates are 0 there beside 1.
+            image = image if self.recoloring is None else self.recoloring(image)
+            if self.similarity is not None:
+                # Pixels from outside are 1: the channel of the background is 1 there, and coordinates are 0.
                 parts = torch.cat([image, 1 - mask, 1 + mask * truth], 1)
-                image, ground, beside = self.jitter(parts).split([3, 1, 3], 1)
+                image, ground, moved = self.similarity(parts).split([3, 1, 3], 1)
                 mask = 1 - ground
-                truth = (beside - 1) / mask.clamp_min(1e-3)
+                truth = (moved - 1) / mask.clamp_min(1e-3)
         loss = self.regressor.divergence(self(image), truth, mask).mean()
         self.log("train/coordinates", loss.detach(), prog_bar=True)
         return loss
@@ -89,7 +93,7 @@ class CoordinateTraining(Training):
         self.log(f"{stage}/coordinates", loss, prog_bar=True, batch_size=len(image), sync_dist=True)
 
     def _views(self, batch: dict[str, Tensor]) -> tuple[Tensor, Tensor, Tensor]:
-        """Pictures, masks and true coordinates of a batch's targets."""
+        """Return pictures, masks and true coordinates of a batch's targets."""
         if "target_depth" not in batch:
             raise ValueError("CoordinateTraining needs views with depth, and there is none in this data")
         mask = batch["target_mask"]
@@ -106,7 +110,7 @@ def coordinates_of(
     unit_fraction: float = UNIT_FRACTION,
     distance: Tensor | float = DISTANCE,
 ) -> Tensor:
-    """Object coordinates of the points that the standard camera sees (`kfit.data.pose_view`).
+    """Return the object coordinates of the points that the standard camera sees (`kfit.data.pose_view`).
 
     X = Rᵀ (x (d + D), y (d + D), −d) with R = Rx(elevation) · Ry(azimuth), pixel (u, v) of S × S on the ray (x, y, −1),
     x = (u − (S − 1) / 2) / f, y = ((S − 1) / 2 − v) / f, f = unit_fraction · S · √(D² − 1/4).
@@ -127,6 +131,6 @@ def coordinates_of(
         focal = unit_fraction * size * (distance.square() - 0.25).sqrt()
         along = (torch.arange(size, device=depth.device, dtype=depth.dtype) - (size - 1) / 2) / focal
         away = depth + distance
-        seen = torch.cat([along * away, -along.mT * away, -depth], 1)
+        points = torch.cat([along * away, -along.mT * away, -depth], 1)
         rotation = rotation_from_angles(azimuth, elevation, torch.zeros_like(azimuth)).to(depth.dtype)
-        return torch.einsum("nji,njhw->nihw", rotation, seen)
+        return torch.einsum("nji,njhw->nihw", rotation, points)

@@ -1,29 +1,34 @@
-"""``lightning fit -c recipe.yaml``: Lightning's command line over kfit's parts and anybody's own."""
+"""``lightning fit -c recipe.yaml``: Lightning's command line for kfit's parts and the user's own."""
 
 from __future__ import annotations
 
+import importlib
 import logging
 import os
+import sys
 import warnings
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from jsonargparse import ArgumentError
+from jsonargparse import ArgumentError, Namespace
 from lightning.fabric.plugins import TorchCheckpointIO
 from lightning.pytorch import Callback, LightningDataModule, LightningModule, Trainer
 from lightning.pytorch.callbacks import LearningRateMonitor
 from lightning.pytorch.cli import LightningArgumentParser, LightningCLI
 from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger
 
+from kfit.data import ViewsDataModule, read_category
 from kfit.geometry.categories import CATEGORIES, Category
-from kfit.runtime.class_paths import current_path, current_paths, read_old_paths
+from kfit.runtime.class_paths import current_paths, current_word, read_old_paths
 from kfit.runtime.console import see_working_folder, session
 from kfit.runtime.help_page import HelpPage
 from kfit.runtime.parse_errors import sentence
 from kfit.runtime.recipe_limits import check_recipe, no_exit
-from kfit.training import AtomicCheckpoints, ConditionalVAE, PictureGrid
+from kfit.runtime.torch_file import read_torch
+from kfit.training import AtomicCheckpoints, ConditionalVAE, PictureGrid, Provenance
+from kfit.training.continued_log import ContinuedCSVLogger, run_of
 
 # Arguments of the model's parts that the category of the data decides, where a part has such an argument.
 KNOWN: dict[str, Callable[[Category], object]] = {
@@ -56,7 +61,7 @@ NEEDLESS_ELSEWHERE = (
 
 
 class _Parser(LightningArgumentParser):
-    """Understands class paths of earlier versions in the hyperparameters of checkpoints too."""
+    """Reads class paths of earlier versions, also in the hyperparameters of checkpoints."""
 
     def parse_object(self, cfg_obj: Any, *args: Any, **kwargs: Any) -> Any:
         return super().parse_object(current_paths(cfg_obj), *args, **kwargs)
@@ -64,24 +69,24 @@ class _Parser(LightningArgumentParser):
 
 class _CLI(LightningCLI):
     def parse_arguments(self, parser: LightningArgumentParser, args: Any) -> None:
-        """Understand the words, or raise a ValueError of one sentence."""
+        """Parse the arguments, or raise a ValueError of one sentence."""
         try:
             with no_exit():
                 super().parse_arguments(parser, args)
         except (ArgumentError, TypeError) as error:
             command = " ".join(["kfit", *(word for word in args[:1] if word in COMMANDS)])
-            told = sentence(str(error))
-            if told.startswith("Problems parsing config"):  # the message lacks the file
+            message = sentence(str(error))
+            if message.startswith("Problems parsing config"):  # the message lacks the file
                 recipes = [name for option, name in pairwise(args) if option in ("-c", "--config")]
-                told = f"{', '.join(recipes)}: {told}"
-            raise ValueError(f"{told}; `{command} --help` shows the usage") from None
+                message = f"{', '.join(recipes)}: {message}"
+            raise ValueError(f"{message}; `{command} --help` shows the usage") from None
 
     def instantiate_classes(self) -> None:
         """Build the parts; errors become one sentence."""
         try:
             with no_exit():
                 super().instantiate_classes()
-        except ValueError as error:
+        except (ValueError, TypeError) as error:
             raise ValueError(sentence(str(error))) from error
 
     def before_instantiate_classes(self) -> None:
@@ -89,29 +94,31 @@ class _CLI(LightningCLI):
             self.save_config_callback = None  # it would write into the working folder; results have their settings
         # Not `link_arguments`: checkpoints leave out what it fills in, and could not be rebuilt.
         config = self.config.get(str(self.subcommand), self.config)
-        category = CATEGORIES.get(str(config.get("data.init_args.category")))
+        category = _category_of(config)
         drawn = all(config.get(f"data.init_args.{source}") is None for source in ("meshes", "views"))
         for argument, known in {**KNOWN, **(KNOWN_OF_PROCEDURAL if drawn else {})}.items():
             if category is not None and f"model.init_args.{argument}" in config:
                 config[f"model.init_args.{argument}"] = known(category)
+        if category is not None and not category.mirror and "model.init_args.mirror" in config:
+            config["model.init_args.mirror"] = False
 
     def instantiate_trainer(self, **kwargs: Any) -> Trainer:
-        """The recipe's trainer; unless it says otherwise with TensorBoard's and CSV logs in one folder.
+        """Build the recipe's trainer, by default with TensorBoard's and CSV logs in one folder.
 
-        A fit with a logger of any kind logs its learning rate, and pictures where the model draws some.
+        A fit with a logger logs its learning rate, and pictures if the model draws some.
         """
-        said = self._get(self.config_init, "trainer", default={})
-        logger, callbacks = said.get("logger"), said.get("callbacks") or []
-        if logger in (None, True) and self.subcommand != "predict" and not said.get("barebones"):
-            root = said.get("default_root_dir") or os.getcwd()
+        settings = self._get(self.config_init, "trainer", default={})
+        logger, callbacks = settings.get("logger"), settings.get("callbacks") or []
+        if logger in (None, True) and self.subcommand != "predict" and not settings.get("barebones"):
             # The first one finds the number of the version, and minds a folder that is not empty.
-            table = CSVLogger(root)
-            logger = [table, TensorBoardLogger(root, version=table.version, default_hp_metric=False)]
-            kwargs["logger"] = logger
-        if self.subcommand == "fit" and logger:
+            table = self._table(settings.get("default_root_dir") or os.getcwd())
+            board = TensorBoardLogger(table.save_dir, table.name, table.version, default_hp_metric=False)
+            logger = kwargs["logger"] = [table, board]
+        if self.subcommand == "fit":
             callbacks = list(callbacks) if isinstance(callbacks, list) else [callbacks]
-            usual: list[Callback] = [LearningRateMonitor()]
-            usual += [PictureGrid()] if isinstance(self.model, ConditionalVAE) else []
+            usual: list[Callback] = [Provenance(self._parser("fit").dump(self.config["fit"], skip_none=False))]
+            usual += [LearningRateMonitor()] if logger else []
+            usual += [PictureGrid()] if logger and isinstance(self.model, ConditionalVAE) else []
             named = {type(callback) for callback in callbacks}
             kwargs["callbacks"] = callbacks + [callback for callback in usual if type(callback) not in named]
         trainer = super().instantiate_trainer(**kwargs)
@@ -119,6 +126,31 @@ class _CLI(LightningCLI):
         if type(trainer.strategy.checkpoint_io) is TorchCheckpointIO:
             trainer.strategy.checkpoint_io = AtomicCheckpoints()
         return trainer
+
+    def _table(self, root: str) -> CSVLogger:
+        """A table in the run's next folder; in that of the checkpoint where a fit goes on."""
+        checkpoint = self.config[str(self.subcommand)].get("ckpt_path")
+        run = run_of(checkpoint) if self.subcommand == "fit" else None
+        if run is None:
+            return CSVLogger(root)
+        try:
+            step = int(read_torch(Path(str(checkpoint)))["global_step"])
+        except (ValueError, KeyError, TypeError):  # Lightning itself says what is wrong with it
+            step = sys.maxsize
+        return ContinuedCSVLogger(run, step)
+
+
+def _category_of(config: Namespace) -> Category | None:
+    """The category of a recipe's data, None where the data has none or is another's class with words of its own."""
+    value, path = config.get("data.init_args.category"), config.get("data.class_path")
+    if value is None or not isinstance(path, str):
+        return None
+    if isinstance(value, Namespace):
+        # Of a file that jsonargparse has read it keeps the path.
+        return Category.of_dict({name: one for name, one in value.as_dict().items() if name != "__path__"})
+    module, _, name = path.rpartition(".")
+    own = issubclass(getattr(importlib.import_module(module), name), ViewsDataModule)
+    return read_category(value) if own else CATEGORIES.get(str(value))
 
 
 def main(args: Sequence[str] | None = None) -> None:
@@ -176,7 +208,7 @@ def run(words: Sequence[str], callbacks: Sequence[Callback] = ()) -> None:
                 for name, example in COMMANDS.items()
             },
         },
-        args=[current_path(word) for word in words],
+        args=[current_word(word) for word in words],
     )
 
 

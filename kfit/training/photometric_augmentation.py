@@ -1,4 +1,4 @@
-"""What an encoder and a pose head must see past in photos: the camera, the light, and a mask that is not exact."""
+"""Photometric augmentation: camera, light, and inexact masks."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from kfit.core.check import check_range
 
 
 class PhotometricAugmentation:
-    """Shows clean views as a camera and a segmentation would: cast, exposure, blur, noise, and edges that are off.
+    """Make clean views resemble photos: cast, exposure, blur, noise, and inexact edges.
 
     With the object's colour c and its mask m, a picture is
 
     I' = m' · (m · min(e g ⊙ c, 1) + (1 − m) · b) + 1 − m' + m' · n,
 
-    blurred before it is cut out by m': e is the exposure, g the gains of the channels (both log-normal), b an even
-    colour of the surroundings, n normal noise, and m' the mask blurred by 1 pixel and cut at a threshold that wanders
-    over the picture about one half, so that parts of the surroundings are taken for the object and parts of the object
-    are lost. Half of the pictures are unchanged, because a generator's views are clean.
+    blurred before it is masked by m': e is the exposure, g the gains of the channels (both log-normal), b a uniform
+    colour of the background, n normal noise, and m' the mask blurred by 1 pixel and thresholded at a value that varies
+    smoothly over the picture around one half, which adds parts of the background and removes parts of the object. Half
+    of the pictures are unchanged, because a generator's views are clean.
 
     Args:
         exposure: standard deviation of ln e.
@@ -29,7 +29,7 @@ class PhotometricAugmentation:
         edge: standard deviation of the threshold at which the blurred mask is cut.
 
     Raises:
-        ValueError: for a negative number, or one far beyond what cameras do.
+        ValueError: if a number is negative, or far beyond real cameras.
     """
 
     def __init__(
@@ -45,6 +45,10 @@ class PhotometricAugmentation:
     def __call__(self, image: Tensor, mask: Tensor) -> Tensor:
         """Pictures (N, 3, S, S) on white and their masks (N, 1, S, S) → pictures, each its own way, drawn from torch's
         random numbers."""
+        return self.with_mask(image, mask)[0]
+
+    def with_mask(self, image: Tensor, mask: Tensor) -> tuple[Tensor, Tensor]:
+        """Pictures and masks as `__call__` takes them → pictures and the masks m' by which they are cut out."""
         rows, _, height, width = image.shape
 
         def even(*shape: int) -> Tensor:
@@ -55,16 +59,16 @@ class PhotometricAugmentation:
 
         light = torch.exp(self.exposure * normal(rows, 1, 1, 1) + self.cast * normal(rows, 3, 1, 1))
         object_part = torch.minimum(light * (image - 1 + mask).clamp_min(0), mask)
-        seen = object_part + (1 - mask) * even(rows, 3, 1, 1)
+        photo = object_part + (1 - mask) * even(rows, 3, 1, 1)
         sigma = (self.blur * even(rows, 1)).clamp_min(1e-2).expand(rows, 2)
-        seen = gaussian_blur2d(seen, 5, sigma)
-        seen = seen + self.noise * even(rows, 1, 1, 1) * normal(rows, 3, height, width)
+        photo = gaussian_blur2d(photo, 5, sigma)
+        photo = photo + self.noise * even(rows, 1, 1, 1) * normal(rows, 3, height, width)
         wander = torch.nn.functional.interpolate(
             normal(rows, 1, 8, 8), (height, width), mode="bilinear", align_corners=False
         )
         threshold = (0.5 + self.edge * wander).clamp(0.2, 0.8)  # nothing where no mask is near
         # A ramp of a quarter keeps edges as soft as a picture's own are.
         cut = ((gaussian_blur2d(mask, 5, mask.new_ones(rows, 2)) - threshold) / 0.25 + 0.5).clamp(0, 1)
-        shot = seen.clamp(0, 1) * cut + 1 - cut
+        shot = photo.clamp(0, 1) * cut + 1 - cut
         clean = even(rows, 1, 1, 1) < 0.5
-        return torch.where(clean, image, shot)
+        return torch.where(clean, image, shot), torch.where(clean, mask, cut)

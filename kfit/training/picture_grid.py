@@ -1,4 +1,4 @@
-"""A picture of how training goes: target, reconstruction and novel views, each epoch."""
+"""A picture of the state of training: target, reconstruction and novel views, each epoch."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ NAME = "pictures"  # in the log
 
 
 class PictureGrid(Callback):
-    """Shows a grid of pictures to the run's loggers after each validation, as ``pictures``.
+    """Log a grid of pictures after each validation, as ``pictures``.
 
-    A row an object: what the encoder saw, the target, its reconstruction, and views all around at 30° elevation.
-    TensorBoard, Weights & Biases, MLflow and Comet take pictures, and so does any logger that has ``log_image`` as the
-    second or whose ``experiment`` has ``add_image`` as the first. Where no logger does, the grid becomes
+    Each row is an object: the encoder's input, the target, its reconstruction, and views around it at 30° elevation.
+    TensorBoard, Weights & Biases, MLflow and Comet accept pictures, like any logger with ``log_image`` (as the second)
+    or with an ``experiment`` that has ``add_image`` (as the first). Without such a logger the grid is written to
     ``pictures/epoch_NNN.png`` in the run's folder.
 
     Args:
@@ -33,8 +33,8 @@ class PictureGrid(Callback):
     """
 
     def __init__(self, num_objects: int = 8, num_views: int = 6) -> None:
-        check_count("PictureGrid: num_objects", num_objects, 1, 1000)
-        check_count("PictureGrid: num_views", num_views, 1, 1000)
+        check_count("PictureGrid: num_objects", num_objects)
+        check_count("PictureGrid: num_views", num_views)
         self.num_objects, self.num_views = num_objects, num_views
         self._shown: dict[str, Tensor] | None = None
 
@@ -79,7 +79,7 @@ class PictureGrid(Callback):
 
 
 def _show(logger: Logger, pixels: NDArray[np.uint8], step: int) -> bool:
-    """Give a picture (H, W, 3) to a logger; whether it takes pictures."""
+    """Log a picture (H, W, 3), and return whether the logger accepts pictures."""
     experiment: Any = getattr(logger, "experiment", None)
     if isinstance(logger, MLFlowLogger):
         experiment.log_image(logger.run_id, pixels, key=NAME, step=step)

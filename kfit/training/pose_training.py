@@ -1,4 +1,4 @@
-"""Training a network that reads poses off pictures."""
+"""Training of a network that predicts poses."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import inspect
 import math
 
 import torch
+from lightning.pytorch.cli import LRSchedulerCallable, OptimizerCallable
 from torch import Tensor
 
 from kfit.core import Observation
@@ -20,7 +21,7 @@ from kfit.training.training import Training
 
 
 class PoseTraining(Training):
-    """Trains a pose head on views of many objects with their true rotations.
+    """Train a pose head on views of many objects with their true rotations.
 
     L = mean_n KL(target_n ‖ prediction_n), see `kfit.generators.RotationHead.divergence`.
 
@@ -29,17 +30,18 @@ class PoseTraining(Training):
 
     Args:
         pose_head: the network.
-        crop: turns views in the plane and cuts them out.
+        crop: random rotation and crop of views.
         rate: largest learning rate of AdamW; it rises over the first twentieth of the steps and falls as a cosine.
-        weight_decay: of AdamW.
-        recolor: augmentation of colours; None leaves them.
-        photograph: augmentation that makes views resemble crops of photos; None leaves them clean.
+        weight_decay: weight decay of AdamW.
+        recoloring: augmentation of colours; None for none.
+        photometric: augmentation that makes views resemble crops of photos; None leaves them clean.
         mirror: flip half of the views, which changes azimuth α to π − α and roll ρ to −ρ. Objects of NOCS's categories
-            look much the same in a mirror that holds their x and y axes, so this doubles the objects.
+            are similar to their mirror images about the x–y plane, so this doubles the objects.
         compile: compile the head (`torch.compile`). Without a C++ compiler training goes on uncompiled.
+        optimizer, scheduler: as in `kfit.training.training.Training`; ``rate`` and ``weight_decay`` are of its AdamW.
 
     Raises:
-        ValueError: when training starts, for a trainer without an end.
+        ValueError: when training starts, if the trainer has no end.
     """
 
     def __init__(
@@ -48,19 +50,21 @@ class PoseTraining(Training):
         crop: RandomCrop | None = None,
         rate: float = 1.5e-3,
         weight_decay: float = 1e-3,
-        recolor: RandomRecolor | None = None,
-        photograph: PhotometricAugmentation | None = None,
+        recoloring: RandomRecolor | None = None,
+        photometric: PhotometricAugmentation | None = None,
         mirror: bool = True,
         compile: bool = False,
+        optimizer: OptimizerCallable | None = None,
+        scheduler: LRSchedulerCallable | None = None,
     ) -> None:
-        super().__init__()
+        super().__init__(optimizer, scheduler)
         check_positive("rate", rate)
         check_range("weight_decay", weight_decay, 0)
         check_choice("mirror", mirror, (False, True))
         check_choice("compile", compile, (False, True))
         self.remember(inspect.currentframe())
         self.pose_head, self.rate, self.weight_decay = pose_head, rate, weight_decay
-        self.crop, self.recolor, self.photograph = crop or RandomCrop(), recolor, photograph
+        self.crop, self.recoloring, self.photometric = crop or RandomCrop(), recoloring, photometric
         self.mirror, self.compiles = mirror, compile
 
     def on_fit_start(self) -> None:
@@ -68,7 +72,7 @@ class PoseTraining(Training):
             self.compile_networks(self.pose_head.features)
 
     def forward(self, image: Tensor) -> Tensor:
-        """Log-probabilities (N, B) of the rotations that pictures (N, 3, S, S) show."""
+        """Return log-probabilities (N, B) of the rotations of pictures (N, 3, S, S)."""
         log_probability: Tensor = self.pose_head(image)
         return log_probability
 
@@ -76,9 +80,9 @@ class PoseTraining(Training):
         image, mask, azimuth, elevation = _views(batch)
         # Half precision is too coarse for the places of pixels.
         with torch.no_grad(), torch.autocast(self.device.type, enabled=False):
-            if self.photograph is not None:
-                image = self.photograph(image, mask)
-            image = image if self.recolor is None else self.recolor(image)
+            if self.photometric is not None:
+                image = self.photometric(image, mask)
+            image = image if self.recoloring is None else self.recoloring(image)
             image, roll = self.crop(image, mask)
             if self.mirror:
                 flipped = torch.rand_like(azimuth) < 0.5

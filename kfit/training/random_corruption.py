@@ -1,4 +1,4 @@
-"""What the paper's robustness study does to pictures: parts hidden, other light, an object off the centre."""
+"""The corruptions of the paper's robustness study: occlusion, brightness and shift."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from kfit.generators.similarity_warp import warp
 
 
 class RandomCorruption:
-    """Hides a part of objects, changes their brightness and shifts them, each at random up to a range.
+    """Occlude a part of objects, change their brightness and shift them, each at random up to a range.
 
-    The defaults are what the paper's regressor was trained with (Chen et al. 2020, section 4.3): shares hidden are even
-    in [0, ``occlusion``], factors of brightness even in 1 ± ``brightness``, and shifts have any direction and a length
-    even in [0, ``shift``].
+    The defaults are those of the paper's regressor (Chen et al. 2020, section 4.3): occluded fractions are uniform in
+    [0, ``occlusion``], factors of brightness uniform in 1 ± ``brightness``, and shifts have any direction and a length
+    uniform in [0, ``shift``].
 
     Args:
-        occlusion: largest share of the object that is hidden, see ``occluded``.
+        occlusion: largest occluded fraction of the object, see ``occluded``.
         brightness: largest change of the factor of brightness, see ``brightened``.
-        shift: largest shift as a share of the picture's width, see ``shifted``.
+        shift: largest shift as a fraction of the picture's width, see ``shifted``.
 
     Raises:
-        ValueError: for ranges outside [0, 1].
+        ValueError: if a range is outside [0, 1].
     """
 
     def __init__(self, occlusion: float = 0.2, brightness: float = 0.4, shift: float = 0.25) -> None:
@@ -50,18 +50,18 @@ class RandomCorruption:
 def occluded(
     image: Tensor, mask: Tensor, share: float | Tensor, rng: torch.Generator | None = None
 ) -> tuple[Tensor, Tensor]:
-    """Hide a share of each object behind a square that is white, as what a segmentation leaves out is.
+    """Hide a fraction of each object behind a square that is white, like pixels outside of a mask.
 
-    The square lies around a random pixel of the object and is as large as hides the share of the mask, to a pixel.
+    The square is centred at a random pixel of the object, and its size hides this fraction of the mask, to a pixel.
 
     Args:
         image: (N, 3, H, W) on white.
         mask: (N, 1, H, W) in [0, 1].
-        share: of the mask's sum, in [0, 1], a number or (N,).
-        rng: chooses the pixels; torch's random numbers where none is given.
+        share: share of the mask's sum, in [0, 1], a number or (N,).
+        rng: for the pixels; by default torch's.
 
     Returns:
-        Pictures and masks without what is hidden.
+        Pictures and masks without the hidden parts.
     """
     height, width = mask.shape[-2:]
     weight = mask.flatten(1)
@@ -82,7 +82,7 @@ def occluded(
 
 
 def brightened(image: Tensor, mask: Tensor, factor: float | Tensor) -> Tensor:
-    """Multiply the light on each object, as a longer exposure would; the ground stays white.
+    """Multiply the light on each object, as a longer exposure would; the background stays white.
 
     With object colour c and mask m, a pixel m c + 1 − m becomes m · min(f c, 1) + 1 − m.
 
@@ -97,12 +97,12 @@ def brightened(image: Tensor, mask: Tensor, factor: float | Tensor) -> Tensor:
 
 
 def shifted(image: Tensor, mask: Tensor, offset: Tensor) -> tuple[Tensor, Tensor]:
-    """Shift pictures and masks; white comes in.
+    """Shift pictures and masks; the outside is white.
 
     Args:
         image: (N, 3, S, S) on white.
         mask: (N, 1, S, S) in [0, 1].
-        offset: (N, 2) right and up, as shares of the picture's width.
+        offset: (N, 2) right and up, as fractions of the picture's width.
     """
     rows = len(image)
     moved = warp(Rendering(image, mask), image.new_zeros(rows), 2 * offset.to(image), image.new_ones(rows))

@@ -1,4 +1,4 @@
-"""What a pose head must see past: colours."""
+"""Augmentation of colours."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from kfit.core.check import check_range
 
 
 class RandomRecolor:
-    """Mixes the channels of pictures at random and bends their tones; white stays white.
+    """Mix the channels of pictures at random and change their gamma; white stays white.
 
-    c' = (M c)^γ, the rows of M random shares that sum to 1 in half of the pictures and M = 1 in the others, and
+    c' = (M c)^γ, the rows of M random and of sum 1 in half of the pictures, M = 1 in the others, and
     ln γ normal.
 
     Args:
         gamma: standard deviation of ln γ.
 
     Raises:
-        ValueError: for a negative one.
+        ValueError: if ``gamma`` is negative.
     """
 
     def __init__(self, gamma: float = 0.5) -> None:

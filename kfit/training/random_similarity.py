@@ -1,4 +1,4 @@
-"""What an encoder must see past: pictures cut out a little turned, shifted or scaled."""
+"""Augmentation by small rotations, shifts and scales."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from kfit.generators.similarity_warp import warp
 
 
 class RandomSimilarity:
-    """Turns, shifts and scales pictures at random by `kfit.generators.SimilarityWarp`'s warp, white outside.
+    """Rotate, shift and scale pictures at random by `kfit.generators.SimilarityWarp`'s warp, white outside.
 
     Crops of photos centre the object's outline and fill the frame with it, while a generator's views centre the
-    object's box and keep its size; an encoder trained on jittered views takes both.
+    object's box and keep its size; an encoder trained on jittered views handles both.
 
     Args:
-        roll_deg: largest turn.
+        roll_deg: largest rotation.
         shift: largest shift, in half-widths.
-        scale: largest factor; sizes are drawn log-evenly between its inverse and itself.
+        scale: largest factor; sizes are log-uniform between its inverse and itself.
 
     Raises:
-        ValueError: for a negative turn or shift, or a factor below 1.
+        ValueError: if the rotation or shift is negative, or the factor below 1.
     """
 
     def __init__(self, roll_deg: float = 15.0, shift: float = 0.15, scale: float = 1.25) -> None:

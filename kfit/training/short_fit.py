@@ -19,32 +19,31 @@ RATES = {"code": 0.3, "azimuth": 0.03, "elevation": 0.01}
 STARTS, STEPS = 4, 16
 
 
-def fitted_rotations(generator: Generator, encoder: Encoder, seen: Observation) -> Tensor:
-    """Rotations that explain views by the standard camera, whose roll, shift and scale are known, and distance if
-    the views have intrinsics.
+def fitted_rotations(generator: Generator, encoder: Encoder, observation: Observation) -> Tensor:
+    """Fit the rotations of views by the standard camera.
 
-    Of 64 poses all around the one half of the sphere that photos show, each with a code from the encoder's look at the
-    view, the 4 that look likest are fitted in 16 steps of Adam whose rates fall to a twelfth. What is compared are SSIM
-    and, where there are masks, silhouettes, whatever the generator was trained by, so that the fits of
+    Roll, shift and scale are known, and the distance if the views have intrinsics. 64 poses around the hemisphere of
+    photos, each with the encoder's code, are drawn, and the best 4 are fitted in 16 steps of Adam with rates that decay
+    to 1/12. The energies are SSIM and, with masks, silhouettes, whatever the generator was trained with, so that
     different trainings can be compared.
 
     Args:
-        generator: of ``code``, ``azimuth`` and ``elevation``.
+        generator: generator with ``code``, ``azimuth`` and ``elevation``.
         encoder: picture → Gaussian over the code.
-        seen: N views, with masks if the generator draws any, and intrinsics only if it has a ``focal``.
+        observation: N views, with masks if the generator draws any, and intrinsics only if it has a ``focal``.
 
     Returns:
-        (N, 3, 3) in the generator's y-up frame, not a number where every start failed.
+        (N, 3, 3) in the generator's y-up frame, NaN if every start failed.
     """
     # In test Lightning forbids gradients by inference mode, and networks copied under it could never have any.
     with torch.inference_mode(False), torch.no_grad():
         energies: dict[str, Energy | Prior] = {"ssim": SSIM(), "prior": CodePrior()}
         weights: dict[str, float | Schedule] = {"ssim": 2.0, "prior": 0.02}
-        if seen.mask is not None:
+        if observation.mask is not None:
             energies["silhouette"], weights["silhouette"] = Silhouette(), 5.0
         initializers: list[Initializer] = [SphereGrid(), EncoderPosterior(encoder)]
         rates = dict(RATES)
-        if seen.intrinsics is None:
+        if observation.intrinsics is None:
             generator = fixed_camera(generator)
         else:
             initializers.append(FromCamera())
@@ -61,6 +60,6 @@ def fitted_rotations(generator: Generator, encoder: Encoder, seen: Observation) 
             num_candidates=16 * STARTS,
         )
         # Not in autocast's halves, which are half a degree wide.
-        found = {name: value.double() for name, value in pipeline(seen, seed=0).values.items()}
+        found = {name: value.double() for name, value in pipeline(observation, seed=0).values.items()}
         rotation: Tensor = rotation_of(found)
         return rotation

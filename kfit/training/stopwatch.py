@@ -1,4 +1,4 @@
-"""What a training step costs."""
+"""The cost of a training step."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from kfit.runtime.devices import Operations, matrix_rate, wait
 
 
 class Stopwatch(Callback):
-    """Times training steps and the waits between them.
+    """Measure the time of training steps and of the waits between them.
 
     Args:
-        warm_up: steps that do not count, one or more: networks are compiled in the first.
+        warm_up: number of initial steps that are ignored, at least 1, because the first compiles networks.
 
     Attributes:
-        seconds: of a step, the median.
+        seconds: median duration of a step, in seconds.
         waited: from a step's end to the next one's beginning, the median: for data and callbacks.
         pairs: views a step.
         operations: floating point operations of a step's convolutions and products, forwards and backwards.
-        precision: of the trainer.
-        device: that trains.
+        precision: the trainer's precision.
+        device: device that is used for training.
         machine: GFLOP a second of matrix products in it.
     """
 

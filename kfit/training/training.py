@@ -10,6 +10,7 @@ from typing import Any
 
 import torch
 from lightning.pytorch import LightningModule
+from lightning.pytorch.cli import LRSchedulerCallable, OptimizerCallable, ReduceLROnPlateau
 from torch import Tensor, nn
 from torchmetrics import CatMetric
 
@@ -20,23 +21,33 @@ from kfit.runtime.devices import compile_networks
 
 
 class Training(LightningModule):
-    """A LightningModule whose checkpoints rebuild themselves, whose rate rises and falls, and that is judged by the
-    same measures in validation and in test.
+    """Base of kfit's LightningModules: self-contained checkpoints, choice of the optimizer, and common metrics.
 
-    Where `report` calls `record_rotations`, the median error is logged as ``val/rotation_deg`` or
-    ``test/rotation_deg``, and the shares of them under 10° and 30°, which are average precisions as the paper counts
-    them, as ``…/within_10deg`` and ``…/within_30deg``: those of all processes together.
+    Without an optimizer of its own it is trained by AdamW; without a scheduler, the rate rises over the first twentieth
+    of the steps and falls as a cosine. In a recipe they are named as in any of Lightning's:
+    ``optimizer: {class_path: torch.optim.SGD, init_args: {lr: 0.1}}``. A scheduler is stepped after each epoch.
+
+    If `report` calls `record_rotations`, the median error is logged as ``val/rotation_deg`` or ``test/rotation_deg``,
+    and the fractions of errors under 10° and 30°, which are average precisions as in the paper, as ``…/within_10deg``
+    and ``…/within_30deg``, over all processes.
+
+    Args:
+        optimizer: function that builds the optimizer from the trained parameters.
+        scheduler: function that builds the scheduler from that optimizer.
 
     Attributes:
-        rate: largest learning rate.
-        weight_decay: of AdamW.
+        rate: largest learning rate of AdamW.
+        weight_decay: weight decay of AdamW.
     """
 
     rate: float
     weight_decay: float = 0.0
 
-    def __init__(self) -> None:
+    def __init__(
+        self, optimizer: OptimizerCallable | None = None, scheduler: LRSchedulerCallable | None = None
+    ) -> None:
         super().__init__()
+        self.make_optimizer, self.make_scheduler = optimizer, scheduler
         # In degrees; a fit that failed counts as 180. In a tuple, or it would stand among the networks that Lightning
         # lists.
         self._errors = (CatMetric(nan_strategy=180.0),)
@@ -51,13 +62,13 @@ class Training(LightningModule):
         torch.manual_seed(mixed_seed(self._seed, self.current_epoch, step))
 
     @abstractmethod
-    def report(self, batch: dict[str, Tensor], stage: str) -> None:
+    def report(self, batch: Any, stage: str) -> None:
         """Log metrics on held-out views, under names that begin with the stage: val or test."""
 
-    def validation_step(self, batch: dict[str, Tensor], batch_idx: int) -> None:
+    def validation_step(self, batch: Any, batch_idx: int) -> None:
         self.report(batch, "val")
 
-    def test_step(self, batch: dict[str, Tensor], batch_idx: int) -> None:
+    def test_step(self, batch: Any, batch_idx: int) -> None:
         self.report(batch, "test")
 
     def on_validation_epoch_end(self) -> None:
@@ -67,7 +78,7 @@ class Training(LightningModule):
         self._report_rotations("test")
 
     def record_rotations(self, found: Tensor, truth: Tensor, symmetry: Symmetry) -> None:
-        """Record the errors of rotations (N, 3, 3) against the truth (N, 3, 3); the epoch's end logs them.
+        """Record the errors of rotations (N, 3, 3), which are logged at the end of the epoch.
 
         Objects of symmetry ``"y"`` count by the angle between their axes.
         """
@@ -86,10 +97,10 @@ class Training(LightningModule):
             self.log(f"{stage}/within_{limit}deg", found[f"under_{limit}"], sync_dist=True)
 
     def remember(self, frame: FrameType | None) -> None:
-        """Keep the arguments of the constructor whose frame this is for the checkpoint, as plain data.
+        """Store the arguments of the calling constructor in the checkpoint, as plain data.
 
-        From a recipe networks come as words and are kept. Built by hand they come as modules, for which Lightning
-        warns: they are left out, also of what it shows to loggers.
+        Networks from a recipe are plain data and are stored. Networks that were built in Python are modules, for which
+        Lightning warns: they are omitted, also in loggers.
         """
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -103,13 +114,20 @@ class Training(LightningModule):
             self.print("no C++ compiler found: training goes on uncompiled")
 
     def configure_optimizers(self) -> Any:
-        """AdamW whose rate rises over the first twentieth of the steps and falls as a cosine.
+        """Return the given optimizer and scheduler, else AdamW and a rate that rises and falls.
 
         Raises:
-            ValueError: for a trainer without an end.
+            ValueError: for kfit's own schedule and a trainer without an end.
         """
         trained = [parameter for parameter in self.parameters() if parameter.requires_grad]
-        optimizer = torch.optim.AdamW(trained, lr=self.rate, weight_decay=self.weight_decay)
+        if self.make_optimizer is not None:
+            optimizer = self.make_optimizer(trained)
+        else:
+            optimizer = torch.optim.AdamW(trained, lr=self.rate, weight_decay=self.weight_decay)
+        if self.make_scheduler is not None:
+            scheduler = self.make_scheduler(optimizer)
+            watched = {"monitor": scheduler.monitor} if isinstance(scheduler, ReduceLROnPlateau) else {}
+            return {"optimizer": optimizer, "lr_scheduler": {"scheduler": scheduler, **watched}}
         total = self.trainer.estimated_stepping_batches
         if total == math.inf:
             raise ValueError("the trainer needs max_epochs or max_steps: the rate falls towards the end of training")
@@ -119,7 +137,7 @@ class Training(LightningModule):
 
 
 def _share(step: int, total: int) -> float:
-    """Share of the largest rate: up over the first twentieth of the steps, then down as a cosine."""
+    """Return the fraction of the largest rate: rising over the first twentieth of the steps, then a cosine."""
     rise = max(1, total // 20)
     if step < rise:
         return (step + 1) / (rise + 1)
@@ -127,7 +145,7 @@ def _share(step: int, total: int) -> float:
 
 
 def _is_plain(value: Any) -> bool:
-    """Whether a hyperparameter is made of numbers, strings and the like alone, so that a checkpoint may hold it."""
+    """Return whether a hyperparameter consists of plain values only, so that a checkpoint can hold it."""
     if isinstance(value, dict):
         return all(_is_plain(item) for item in value.values())
     return value is None or isinstance(value, str | int | float | list | tuple)

@@ -119,6 +119,8 @@ def test_a_brush_adds_to_a_mask_and_takes_from_it(visit, upload, drawn_mug):
     visit.paint([(0.05, 0.05), (0.05, 0.5)], keep=False)
     assert visit.mask[10, 6] == 0
     assert visit.command("mug") == "kfit pose mug.png --category mug --mask mask.png"
+    visit.paint([(0.05, 0.05)], keep=True)  # a click
+    assert visit.mask[6, 6] == 1
     everywhere = [(x, y) for y in np.linspace(0, 1, 60) for x in (0, 1)]
     with pytest.raises(ValueError, match=r"^Nothing would be left"):
         visit.paint(everywhere, keep=False)

@@ -27,7 +27,7 @@ def seen(drawn_mug):
 
 
 @pytest.mark.slow
-def test_each_step_is_told_once_and_the_answer_is_that_of_an_unwatched_fit(model, seen):
+def test_each_step_is_reported_once_and_the_answer_is_that_of_an_unwatched_fit(model, seen):
     *told, result = watched(model, *seen)
     assert [drawn.step for drawn in told] == list(range(17))
     assert {drawn.num_steps for drawn in told} == {16}
@@ -44,7 +44,7 @@ def test_each_step_is_told_once_and_the_answer_is_that_of_an_unwatched_fit(model
     assert np.abs(told[0].drawing - result.drawing).max() > 0.05
     assert told[-1].silhouette.max() > 0.9
     assert told[0].crop.side == result.crop.side
-    assert np.array_equal(told[0].seen, result.observation.image[0].movedim(0, -1).numpy())
+    assert np.array_equal(told[0].observed, result.observation.image[0].movedim(0, -1).numpy())
 
 
 def test_leaving_ends_the_fit(model, seen):

@@ -70,8 +70,8 @@ def test_a_free_turn_costs_nothing_where_it_is_one_for_the_whole_object() -> Non
 @pytest.mark.parametrize(
     ("settings", "sentence"),
     [
-        ({"symmetry": "x"}, "symmetry must be 'none' or 'y', got 'x'"),
-        ({"num_bins": 1}, "num_bins must lie between 2 and 1024"),
+        ({"symmetry": "x"}, "symmetry must be one of none, y, y2"),
+        ({"num_bins": 1}, "num_bins must be at least 2"),
     ],
 )
 def test_refuses_what_it_cannot_be(settings: dict, sentence: str) -> None:

@@ -41,8 +41,8 @@ def test_gives_rotations_of_any_picture(regressor: OrientationRegressor) -> None
 def test_six_numbers_stand_for_the_rotation_that_gram_and_schmidt_make_of_them(regressor: OrientationRegressor) -> None:
     said = torch.randn(1, 6)
     regressor = OrientationRegressor(hidden_dim=4, image_size=32).eval()
-    nn.init.zeros_(regressor.say[-1].weight)
-    regressor.say[-1].bias.data = said[0]
+    nn.init.zeros_(regressor.output[-1].weight)
+    regressor.output[-1].bias.data = said[0]
     with torch.no_grad():
         found = regressor(torch.rand(1, 3, 32, 32))[0]
     # QR is Gram and Schmidt's, up to signs.
@@ -78,7 +78,7 @@ def test_starts_from_published_weights_where_they_are_given(dev_data) -> None:
     assert all(p.requires_grad for p in regressor.parameters())
 
 
-def test_a_missing_file_of_weights_is_told() -> None:
+def test_a_missing_file_of_weights_is_reported() -> None:
     with pytest.raises(FileNotFoundError, match="there is no file nowhere"):
         OrientationRegressor(hidden_dim=4, image_size=32).fill("nowhere.pth")
 
@@ -86,7 +86,7 @@ def test_a_missing_file_of_weights_is_told() -> None:
 @pytest.mark.parametrize(
     ("settings", "sentence"),
     [
-        ({"symmetry": "z"}, "symmetry must be 'none' or 'y', got 'z'"),
+        ({"symmetry": "z"}, "symmetry must be one of none, y, y2"),
         ({"image_size": 48}, "image_size must be a multiple of 32, got 48"),
     ],
 )

@@ -132,4 +132,4 @@ def test_an_answer_imports_nothing_that_it_does_not_need(cutout: Path, tmp_path:
     found = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True, check=True)
     modules = set(found.stdout.splitlines()[-1].split())
     assert heavy & modules == set()
-    assert 100 < len(modules) < 700
+    assert 100 < len(modules) < 600

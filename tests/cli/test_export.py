@@ -162,7 +162,7 @@ class Grey(Generator):
 
 
 def test_a_space_that_a_file_cannot_tell_is_refused_by_name(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="'grey' lives in the space Cube, which no ONNX file can tell"):
+    with pytest.raises(ValueError, match="'grey' lives in the space Cube, which ONNX files cannot store"):
         export_generator(Grey(), tmp_path / "grey.onnx")
 
 

@@ -112,7 +112,7 @@ def test_a_users_mistake_gets_one_sentence_and_writes_nothing(
     (tmp_path / "masks/1.png").write_bytes((videos / "masks/8.png").read_bytes())
     few, out = str(tmp_path / "masks"), ["--out", str(tmp_path / "out")]
     laptop = ["--category", "laptop", *out]
-    assert "say what the object is" in refused([clip, *out], capsys)
+    assert "name the object by either" in refused([clip, *out], capsys)
     assert "--mask and --masks were both given" in refused([clip, "--mask", "m", "--masks", masks, *laptop], capsys)
     assert "there is no clip or folder none.mp4" in refused(["none.mp4", *laptop], capsys)
     assert "holds 1 masks for 4 frames" in refused([str(videos / "frames"), "--masks", few, *laptop], capsys)
@@ -122,7 +122,7 @@ def test_a_users_mistake_gets_one_sentence_and_writes_nothing(
     assert not (tmp_path / "out").exists()
 
 
-def test_a_broken_clip_is_told_in_one_line(tmp_path: Path) -> None:
+def test_a_broken_clip_is_reported_in_one_line(tmp_path: Path) -> None:
     (tmp_path / "no.mp4").write_text("no clip")
     words = [sys.executable, "-m", "kfit", "video", str(tmp_path / "no.mp4"), "--category", "mug"]
     told = subprocess.run(words, capture_output=True, text=True, cwd=tmp_path)

@@ -108,7 +108,7 @@ class Ball(Generator):
 
 BUILD = {
     Constant: [lambda: Constant({"scale": 1.5, "shift": [0.1, -0.2]}), lambda: Constant({"shift": 0.25})],
-    EncoderPosterior: [lambda: EncoderPosterior(TinyEncoder()), lambda: EncoderPosterior(TinyEncoder(), spread=0.0)],
+    EncoderPosterior: [lambda: EncoderPosterior(TinyEncoder()), lambda: EncoderPosterior(TinyEncoder(), sigma=0.0)],
     FromCamera: [FromCamera],
     FromDepth: [lambda: FromDepth(Ball(), [Constant({"scale": 1.5}), Uniform("shift", -0.5, 0.5)])],
     FromMask: [FromMask],
@@ -117,7 +117,7 @@ BUILD = {
         lambda: PosePosterior(TinyPoseNetwork("y")),
         lambda: PosePosterior(TinyPoseNetwork("none", has_roll=False)),
     ],
-    Previous: [PerPicture, lambda: PerPicture(spread={"azimuth": 0.1, "scale": 0.2})],
+    Previous: [PerPicture, lambda: PerPicture(sigma={"azimuth": 0.1, "scale": 0.2})],
     SphereGrid: [
         SphereGrid,
         lambda: SphereGrid((-90.0, 90.0), (30.0, 30.0)),
@@ -239,14 +239,14 @@ class TestEncoderPosterior:
     def test_starts_at_the_mean_and_spreads_by_the_standard_deviation(self):
         seen, encoder = observation(), TinyEncoder()
         mean, log_variance = encoder(seen.image)
-        code = starts(EncoderPosterior(encoder, spread=0.5), seen, 4000)["code"].view(3, 4000, 3)
+        code = starts(EncoderPosterior(encoder, sigma=0.5), seen, 4000)["code"].view(3, 4000, 3)
         torch.testing.assert_close(code[:, 0], mean)
         torch.testing.assert_close(code.mean(1), mean, rtol=0, atol=0.05)
         torch.testing.assert_close(code.std(1), 0.5 * (0.5 * log_variance).exp(), rtol=0.05, atol=0)
 
     def test_without_spread_starts_all_at_the_mean(self):
         seen, encoder = observation(), TinyEncoder()
-        code = starts(EncoderPosterior(encoder, spread=0.0), seen, 3)["code"]
+        code = starts(EncoderPosterior(encoder, sigma=0.0), seen, 3)["code"]
         torch.testing.assert_close(code, encoder(seen.image)[0].repeat_interleave(3, 0))
 
     def test_asks_for_no_gradients_and_leaves_its_encoder_as_it_was(self):

@@ -123,8 +123,8 @@ class TestLBFGS:
     @pytest.mark.parametrize(
         ("settings", "said"),
         [
-            ({"history": 0}, "(history must lie between 1 and 1000|max_trials must be at least 1)"),
-            ({"max_trials": 0}, "(history must lie between 1 and 1000|max_trials must be at least 1)"),
+            ({"history": 0}, "(history must be at least 1|max_trials must be at least 1)"),
+            ({"max_trials": 0}, "(history must be at least 1|max_trials must be at least 1)"),
             ({"first_step": 0.0}, "first_step must be above 0"),
         ],
     )

@@ -26,7 +26,7 @@ def state(rows=4):
     return FitState(3, 9, problem, torch.arange(rows) % 2, raw, raw, energy, {"a": energy}, energy, raw, memory)
 
 
-def test_a_whole_observation_is_taken():
+def test_a_complete_observation_is_accepted():
     observation = Observation(**GOOD, keys=(4, 5))
     assert observation.num_problems == 2
     assert observation.field("depth") is GOOD["depth"]
@@ -74,6 +74,31 @@ def test_a_field_that_is_not_there_is_an_error_that_lists_those_that_are(kind):
     for name in ("depth", "nonsense", "num_problems"):
         with pytest.raises(ValueError, match=rf"has no '{name}'; it has image, mask$"):
             held.field(name)
+
+
+class TestProblemsOfAnObservation:
+    VIEWS = Observation(torch.arange(6.0).view(6, 1, 1, 1), torch.rand(6, 1, 1, 1), keys=(7, 8, 9), views=2)
+
+    def test_are_taken_with_all_their_views_and_their_keys(self):
+        for index in (slice(1, 3), [1, 2], torch.tensor([1, 2]), torch.tensor([False, True, True])):
+            part = self.VIEWS[index]
+            assert part.image.flatten().tolist() == [2, 3, 4, 5]
+            assert torch.equal(part.mask, self.VIEWS.mask[2:])
+            assert (part.keys, part.views, part.depth) == ((8, 9), 2, None)
+        assert self.VIEWS[1].image.flatten().tolist() == [2, 3]
+        assert self.VIEWS[1].keys == (8,)
+        assert Observation(**GOOD)[0].keys == ()
+
+    def test_are_joined_in_their_order(self):
+        joined = Observation.cat([self.VIEWS[2], self.VIEWS[0]])
+        assert joined.image.flatten().tolist() == [4, 5, 0, 1]
+        assert (joined.keys, joined.views) == ((9, 7), 2)
+
+    def test_are_joined_only_where_they_have_the_same_fields_and_views(self):
+        with pytest.raises(ValueError, match="all have a mask, or none"):
+            Observation.cat([Observation(GOOD["image"]), Observation(GOOD["image"], GOOD["mask"])])
+        with pytest.raises(ValueError, match=r"must have 2 views each, got \[2, 1\]"):
+            Observation.cat([self.VIEWS, self.VIEWS.first_views()])
 
 
 def test_mapping_reaches_each_tensor_and_nothing_else():
@@ -154,9 +179,10 @@ def test_of_a_fit_of_several_problems_one_can_be_had_alone():
     path = torch.arange(12.0).view(3, 2, 2)
     result = FitResult(
         values, torch.tensor([0.1, 0.2]), torch.tensor([3, 4]), rows, torch.arange(4), torch.arange(4.0),
-        {"x": torch.arange(4.0)}, History(path, {"a": 2 * path}, {"x": 3 * path}), [(0, 1, 2), (1, 0, 1)], 24,
+        {"x": torch.arange(4.0)}, History(path, {"a": 2 * path}, {"x": 3 * path}, 5), [(0, 1, 2), (1, 0, 1)], 24,
     )  # fmt: skip
-    one = result.of(1)
+    assert [float(part.energy) for part in result] == [pytest.approx(0.1), pytest.approx(0.2)]
+    one = result[1]
     assert one.values == {"x": torch.tensor([2.0])}
     assert (one.energy.tolist(), one.start.tolist()) == ([pytest.approx(0.2)], [4])
     assert one.all_problem.tolist() == [0, 0]
@@ -165,5 +191,8 @@ def test_of_a_fit_of_several_problems_one_can_be_had_alone():
     assert one.history.energy.tolist() == [[[2, 3]], [[6, 7]], [[10, 11]]]
     assert torch.equal(one.history.terms["a"], 2 * one.history.energy)
     assert torch.equal(one.history.values["x"], 3 * one.history.energy)
+    assert one.history.value_stride == 5
     assert one.dropped == [(0, 0, 1)]
+    with pytest.raises(IndexError, match="between 0 and 1, got 2"):
+        result[2]
     assert one.num_evaluations == 24

@@ -44,8 +44,8 @@ def filled(value: float) -> Callable[[h5py.File, str], None]:
 
 WRONG: list[tuple[str, Callable[[h5py.File, str], None], str]] = [
     ("images", nothing, "images must hold values"),
-    ("images", unwritten, "images must be written whole"),
-    ("images", half_written, "images must be written whole"),
+    ("images", unwritten, "images must be complete"),
+    ("images", half_written, "images must be complete"),
     ("poses", times, "cannot be read"),
     ("poses", filled(1e200), "finite degrees"),
     ("poses", filled(np.inf), "finite degrees"),

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from kfit.data.exposure import with_exposure
+from kfit.data.light import Light
 from kfit.data.mesh import Mesh, join
-from kfit.data.rasterizer import Light, pose_view
+from kfit.data.rasterizer import pose_view
 from kfit.data.shapes.placing import shift, turn_x, turn_y
 from kfit.data.shapes.primitives import plate, revolve, rounded_rectangle, slab
 from kfit.data.shapes.textures import solid

@@ -5,8 +5,9 @@ import pytest
 import trimesh
 from PIL import Image
 
+from kfit.data.light import Light
 from kfit.data.mesh_files import find_meshes, load_mesh
-from kfit.data.rasterizer import Light, pose_view
+from kfit.data.rasterizer import pose_view
 
 EVEN = Light(np.ones(3), np.zeros((0, 3)), np.zeros((0, 3)))
 OBJ = """mtllib two.mtl

@@ -67,7 +67,7 @@ def test_objects_that_cannot_be_scored_are_named():
         make_result(frame(pose=None), [])
     with pytest.raises(ValueError, match="has no size, which gts or obj_models would tell"):
         make_result(frame(size=None), [])
-    with pytest.raises(ValueError, match="must say its image_path"):
+    with pytest.raises(ValueError, match="must have an image_path"):
         write_result("out", {})
 
 

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from kfit.data.light import Light
 from kfit.data.mesh import Mesh
-from kfit.data.rasterizer import Light, pose_view, render, standard_intrinsics, standard_pose
+from kfit.data.rasterizer import pose_view, render, standard_intrinsics, standard_pose
 from kfit.data.shapes.placing import turn_x
 from kfit.data.shapes.primitives import plate, rounded_rectangle
 from kfit.data.shapes.textures import solid

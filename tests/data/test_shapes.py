@@ -5,7 +5,8 @@ import importlib
 import numpy as np
 import pytest
 
-from kfit.data.rasterizer import Light, pose_view
+from kfit.data.light import Light
+from kfit.data.rasterizer import pose_view
 from kfit.data.shapes import CATEGORIES, build, laptop
 
 EVEN = Light(np.ones(3), np.zeros((0, 3)), np.zeros((0, 3)))

@@ -9,6 +9,7 @@ from kfit import FitPipeline
 from kfit.core import Generator, Observation, Rendering, Variable
 from kfit.energies import L1, L2, NCC, SSIM, Gradient, LocalNCC, MutualInformation, Pyramid, Welsch
 from kfit.fitting.objective import Objective
+from kfit.fitting.prepared_terms import PreparedTerms
 from kfit.generators import SimilarityWarp, Template
 from kfit.initializers import Constant, Uniform
 from kfit.optimizers import LBFGS, Adam, LevenbergMarquardt
@@ -28,8 +29,9 @@ def rows(*values):
 
 def evaluate(energy, observation, values, min_overlap=0.25, need="value"):
     template = Template(picture(), "similarity")
-    objective = Objective(template, {"look": energy}, {"look": 1.0}, observation, min_overlap)
-    objective.weights = {"look": 1.0}
+    objective = Objective(
+        PreparedTerms(template, {"look": energy}, observation), {"look": 1.0}, {"look": 1.0}, min_overlap
+    )
     raw = {name: template.variables[name].space.to_raw(value) for name, value in values.items()}
     return objective(raw, torch.zeros(len(raw["roll"]), dtype=torch.long), need)
 
@@ -106,8 +108,7 @@ def test_residuals_square_to_the_energy_with_its_penalty(need):
 def test_the_gradient_is_that_of_the_energy_with_its_changing_overlap():
     template = Template(picture(16).double(), "similarity")
     observation = Observation(picture(16).double()[None].flip(2), weight=torch.rand(1, 1, 16, 16).double())
-    objective = Objective(template, {"l2": L2()}, {"l2": 1.0}, observation, 0.6)
-    objective.weights = {"l2": 2.0}
+    objective = Objective(PreparedTerms(template, {"l2": L2()}, observation), {"l2": 2.0}, {"l2": 1.0}, 0.6)
     raw = {
         "roll": torch.tensor([0.1, 0.2]),
         "shift": torch.tensor([[0.21, -0.13], [0.7, 0.4]]),
@@ -154,8 +155,9 @@ def test_a_generator_without_a_weight_is_compared_everywhere():
         def forward(self, **values):
             return Rendering(values["grey"].view(-1, 1, 1, 1).expand(-1, 3, 8, 8))
 
-    objective = Objective(Plain(), {"l2": L2()}, {"l2": 1.0}, Observation(torch.ones(1, 3, 8, 8)), 1.0)
-    objective.weights = {"l2": 1.0}
+    objective = Objective(
+        PreparedTerms(Plain(), {"l2": L2()}, Observation(torch.ones(1, 3, 8, 8))), {"l2": 1.0}, {"l2": 1.0}, 1.0
+    )
     seen = objective({"grey": torch.tensor([0.5])}, torch.zeros(1, dtype=torch.long), "residuals")
     assert seen.residuals.shape == (1, 192)
     torch.testing.assert_close(seen.ranking, torch.tensor([0.25]))

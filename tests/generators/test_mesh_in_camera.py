@@ -88,7 +88,7 @@ def test_two_views_find_a_pose_from_forty_degrees_away(mug):
     found = FitPipeline(
         drawer,
         {"outline": Silhouette(), "colour": L2()},
-        [Constant(start, spread={"rotation": 0.15})],
+        [Constant(start, sigma={"rotation": 0.15})],
         Adam({"rotation": 0.01, "translation": 0.03}, decay=0.96),
         num_starts=4,
         num_candidates=64,

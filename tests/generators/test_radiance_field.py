@@ -8,7 +8,8 @@ import pytest
 import torch
 from torch.utils.flop_counter import FlopCounterMode
 
-from kfit.data.rasterizer import Light, render, standard_pose
+from kfit.data.light import Light
+from kfit.data.rasterizer import render, standard_pose
 from kfit.data.shapes.primitives import revolve
 from kfit.data.shapes.textures import solid
 from kfit.generators import VAE3D, RadianceField, ray_march
@@ -115,7 +116,7 @@ def test_a_refinement_begins_as_next_to_nothing_and_corrects_colour_and_mask_alo
     plain = field._picture(field._volume(values["code"]), values, rays)
     begun = field(**values)
     torch.testing.assert_close(begun.image, plain.image, rtol=0, atol=5e-3)
-    torch.nn.init.constant_(field.refinement.say.bias, 1.0)
+    torch.nn.init.constant_(field.refinement.output.bias, 1.0)
     found = field(**values)
     assert (found.mask > plain.mask).all()
     assert (found.image > plain.image)[plain.image < 0.99].all()

@@ -11,7 +11,8 @@ from torch.nn import functional as F
 from torch.utils.flop_counter import FlopCounterMode
 
 from kfit.core import frozen
-from kfit.data.rasterizer import Light, pose_view
+from kfit.data.light import Light
+from kfit.data.rasterizer import pose_view
 from kfit.data.shapes.primitives import revolve
 from kfit.data.shapes.textures import solid
 from kfit.generators import VAE3D

@@ -29,7 +29,7 @@ def test_without_spread_every_start_is_the_answer() -> None:
 
 
 def test_the_first_start_is_the_answer_and_the_others_spread_around_it() -> None:
-    given = starts(Previous(answer(), spread={"azimuth": 0.1, "scale": 0.2}), 4000)
+    given = starts(Previous(answer(), sigma={"azimuth": 0.1, "scale": 0.2}), 4000)
     azimuth, scale = given["azimuth"].view(2, 4000), given["scale"].view(2, 4000)
     assert azimuth[:, 0].tolist() == pytest.approx([1.0, -2.0])
     assert (azimuth / torch.pi).std(1).tolist() == pytest.approx([0.1, 0.1], rel=0.05)
@@ -38,7 +38,7 @@ def test_the_first_start_is_the_answer_and_the_others_spread_around_it() -> None
     torch.testing.assert_close(given["code"], torch.ones(8000, 3))
 
 
-def test_takes_over_only_what_it_is_told_to() -> None:
+def test_takes_over_only_the_named_variables() -> None:
     initializer = Previous(answer(), on=("azimuth",))
     assert initializer.on == ("azimuth",)
     assert set(starts(initializer)) == {"azimuth"}
@@ -47,10 +47,10 @@ def test_takes_over_only_what_it_is_told_to() -> None:
 def test_refuses_what_it_cannot_start_from() -> None:
     with pytest.raises(ValueError, match=r"Previous: on must be one of .*code.* got .tilt"):
         Previous(answer(), on=("tilt",))
-    with pytest.raises(ValueError, match="Previous: spread: unknown code; the names are azimuth"):
-        Previous(answer(), on=("azimuth",), spread={"code": 0.1})
-    with pytest.raises(ValueError, match="Previous: spread of code must be finite and at least 0"):
-        Previous(answer(), spread={"code": -0.1})
+    with pytest.raises(ValueError, match="Previous: sigma: unknown code; the names are azimuth"):
+        Previous(answer(), on=("azimuth",), sigma={"code": 0.1})
+    with pytest.raises(ValueError, match="Previous: sigma of code must be finite and at least 0"):
+        Previous(answer(), sigma={"code": -0.1})
     with pytest.raises(ValueError, match="Previous: azimuth of a problem is not finite"):
         Previous(answer(azimuth=torch.tensor([1.0, torch.nan])))
     with pytest.raises(ValueError, match="the result holds 2 problems, the observation 3"):

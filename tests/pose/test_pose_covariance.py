@@ -29,6 +29,12 @@ PATTERNS = torch.rand(6, 3, 16, 16, generator=torch.Generator().manual_seed(1)) 
 NOISE = torch.randn(1, 3, 16, 16, generator=torch.Generator().manual_seed(2))
 
 
+@pytest.fixture(autouse=True)
+def plain(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Covariances without the factor that cards without a calibration have."""
+    monkeypatch.setattr("kfit.pose.covariance.UNMEASURED", 1.0)
+
+
 def fit_of(azimuth: tuple[float, ...] = (0.5,), energy: tuple[float, ...] = (1.0,), **more: float) -> FitResult:
     """A fit of one problem whose starts ended at these azimuths; the first is the winner."""
     ends: Variables = {"azimuth": torch.tensor(azimuth), "elevation": torch.full((len(azimuth),), 0.4)}

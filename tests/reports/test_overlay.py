@@ -52,7 +52,7 @@ def test_the_masks_outline_is_drawn_in_white() -> None:
 def test_panels_stand_beside_the_photo_and_the_caption_below() -> None:
     seen, drawing = torch.zeros(3, 64, 64), torch.zeros(3, 64, 64)
     seen[0], drawing[1] = 1, 1
-    picture = shown(640, 480, seen=seen, drawing=drawing, caption="mug\n12.5° off")
+    picture = shown(640, 480, observed=seen, drawing=drawing, caption="mug\n12.5° off")
     assert picture.shape[1] == 640 + 240
     assert picture.shape[0] > 480
     assert picture[120, 760].tolist() == [255, 0, 0]
@@ -62,7 +62,7 @@ def test_panels_stand_beside_the_photo_and_the_caption_below() -> None:
 
 
 def test_a_low_photo_leaves_room_for_panels_that_can_be_read() -> None:
-    picture = shown(1000, 100, seen=torch.ones(3, 8, 8), drawing=torch.ones(3, 8, 8))
+    picture = shown(1000, 100, observed=torch.ones(3, 8, 8), drawing=torch.ones(3, 8, 8))
     assert picture.shape == (320, 1160, 3)
 
 

@@ -197,6 +197,7 @@ READ = {
     "pose --segmenter": (["{}/photo.png", "--category", "mug"], ".onnx"),
     "pose --depth": (["{}/photo.png", "--category", "mug", "--mask", "{}/mask.png"], ".npy"),
     "pose --relative-poses": (["{}/photo.png", "{}/mask.png", "--category", "mug"], ".json"),
+    "pose --ignore": (["{}/photo.png", "--category", "mug", "--mask", "{}/mask.png"], ""),
     "pose --model": (["{}/photo.png", "--mask", "{}/mask.png"], ".safetensors"),
     "pose --fit": (["{}/photo.png", "--category", "mug", "--mask", "{}/mask.png"], ".yaml"),
     "video frames": (["--category", "mug", "--mask", "{}/mask.png"], ".mp4"),
@@ -208,6 +209,7 @@ READ = {
     "export model": (["--out", "o"], ".safetensors"),
     "bench accuracy --model": ([], ".safetensors"),
     "bench accuracy --nocs": (["--categories", "[mug]", "--views", "0"], ""),
+    "bench minimum --model": ([], ".safetensors"),
     "bench paper --vgg16": ([], ".pth"),
     "bench speed --model": (["--recipe", str(ROOT / "recipes/fit_released.yaml")], ".safetensors"),
     "bench speed --recipe": (["--model", "{}/own.safetensors"], ".yaml"),
@@ -248,6 +250,7 @@ RANGES = {
     "bench energies": ["--views=-1", "--scan-views=0", "--starts=0", "--steps=-1", "--categories=[]"],
     "bench dataset": ["--objects=0", "--batch-size=0"],
     "bench following": ["--clips=0", "--frames=1", "--every=0", "--categories=[]", "--categories=[mug,nope]"],
+    "bench minimum": ["--views=0", "--off=-1", "--off=181", "--seed=-1", "--categories=[]"],
     "bench optimizers": ["--problems=0", "--starts=0", "--budget=0"],
     "bench registration": ["--size=0", "--size=65", "--noise=-1", "--noise=1e30", "--draws=0", "--pictures=[nope]"],
     "bench paper": ["--tables=[nope]", "--categories=[]", "--train-steps=1", "--objects=0", "--views=0", "--starts=0"],
@@ -295,7 +298,7 @@ TREES = {
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:LightningCLI's args parameter")
 @pytest.mark.parametrize("word", TREES)
-def test_a_training_s_mistakes_are_told_in_one_sentence(
+def test_a_training_s_mistakes_are_reported_in_one_sentence(
     word: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr("sys.argv", ["kfit"])

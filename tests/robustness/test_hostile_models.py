@@ -17,9 +17,9 @@ import torch
 from model_file import card_of, put_card
 
 from kfit.models import load
-from kfit.models.files import read_checkpoint
 from kfit.models.load import BUNDLED
 from kfit.pose import Card
+from kfit.pose.model_files import read_checkpoint
 from kfit.runtime.torch_file import LARGEST_WEIGHTS, read_torch
 
 MUG = BUNDLED / "mug.safetensors"
@@ -134,11 +134,17 @@ def test_only_kfit_s_own_networks_are_built(class_path: str, arguments: dict[str
     ("name", "arguments", "said"),
     [
         ("RadianceField", {"volume_dims": [4096, 4096, 4096]}, "far larger than its file"),
-        ("RadianceField", {"volume_dims": [1] * 10**5}, "number of volume_dims must lie between 1 and 6"),
-        ("RadianceField", {"image_size": 1024, "num_samples": 1024}, "image_size² · num_samples must lie between"),
+        ("RadianceField", {"volume_dims": [1] * 10**5}, "number of volume_dims must lie between 0 and 6"),
+        ("RadianceField", {"code_dim": 5000}, "code_dim must be at most 4096 in a file, got 5000"),
+        ("RadianceField", {"image_size": 1025, "num_samples": 1}, "image_size in a file must lie between 1 and 1024"),
+        (
+            "RadianceField",
+            {"image_size": 1024, "num_samples": 1024},
+            "image_size² · num_samples in a file must lie between",
+        ),
         ("VAE3D", {"projection_dim": 4096, "volume_dims": [4096] * 5}, "far larger than its file"),
-        ("VAE3D", {"decoder_dims": [1] * 30}, "number of decoder_dims must lie between 1 and 6"),
-        ("VAE2D", {"decoder_dims": [1] * 30}, "number of decoder_dims must lie between 1 and 9"),
+        ("VAE3D", {"decoder_dims": [1] * 30}, "number of decoder_dims must lie between 0 and 9"),
+        ("VAE3D", {"decoder_dims": [1] * 8}, "image_size in a file must lie between 1 and 1024, got 4096"),
         ("VAE2D", {"decoder_dims": [[[[[]]]]]}, "must be a whole number"),
         ("VAE2D", {"beyond": 1}, "unexpected keyword argument"),
         ("VAE2D", [1], "must be a mapping"),

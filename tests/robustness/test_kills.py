@@ -114,7 +114,7 @@ TRAINING = [
     "--trainer.callbacks.enable_version_counter", "false", "--trainer.max_epochs", "4",
     "--model", "kfit.training.PoseTraining", "--model.pose_head", "kfit.generators.RotationHead",
     "--model.pose_head.init_args.channels", "[4, 4, 4, 4]", "--model.pose_head.init_args.hidden_dim", "8",
-    "--model.recolor", "kfit.training.RandomRecolor",
+    "--model.recoloring", "kfit.training.RandomRecolor",
     "--data", "kfit.data.ViewsDataModule", "--data.num_objects", "8", "--data.num_views", "4",
     "--data.num_val_objects", "1", "--data.batch_size", "4",
 ]  # fmt: skip

@@ -19,7 +19,7 @@ from kfit.geometry import (
     project,
     rotation_error,
     rotation_from_angles,
-    rotation_spread_deg,
+    rotation_sigma_deg,
     viewing_ray,
     viewing_ray_rotation,
 )
@@ -87,5 +87,5 @@ class TestSlopesAreThoseOfDifferences:
         assert float(error.detach()) == pytest.approx(apart, abs=1e-7)
         # At neither end it has a slope, only bounds of it.
         assert abs(float(slope)) == pytest.approx(1.0, abs=1e-6) or (apart in (0.0, math.pi) and abs(float(slope)) <= 1)
-        spread = rotation_spread_deg(one.detach(), float64(1.0), other, symmetry)
+        spread = rotation_sigma_deg(one.detach(), float64(1.0), other, symmetry)
         assert float(spread) == pytest.approx(math.degrees(apart), abs=1e-5)

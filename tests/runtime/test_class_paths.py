@@ -9,9 +9,9 @@ from lightning.pytorch import LightningModule
 
 from kfit.fitting import Linear
 from kfit.models import load
-from kfit.models.files import _kind
 from kfit.pose.fit_recipe import fit_of
-from kfit.runtime.class_paths import MOVED, current_path, current_paths
+from kfit.pose.model_files import _kind
+from kfit.runtime.class_paths import MOVED, current_path, current_paths, current_word
 from kfit.training.lightning_cli import _Parser, main
 
 
@@ -62,8 +62,8 @@ def test_a_training_recipe_and_words_with_old_paths_are_read(tmp_path, monkeypat
     with pytest.raises(SystemExit):
         main(["fit", "-c", str(recipe), "--model.recolor", "kfit.training.Recolor", "--print_config"])
     written = yaml.safe_load(capsys.readouterr().out)["model"]["init_args"]
-    assert written["jitter"]["class_path"] == "kfit.training.RandomSimilarity"
-    assert written["recolor"]["class_path"] == "kfit.training.RandomRecolor"
+    assert written["similarity"]["class_path"] == "kfit.training.RandomSimilarity"
+    assert written["recoloring"]["class_path"] == "kfit.training.RandomRecolor"
 
 
 def test_hyperparameters_of_a_checkpoint_with_old_paths_are_read():
@@ -72,4 +72,28 @@ def test_hyperparameters_of_a_checkpoint_with_old_paths_are_read():
     regressor = {"class_path": "kfit.baselines.CoordinateRegressor"}
     saved = {"regressor": regressor, "jitter": {"class_path": "kfit.training.Jitter", "init_args": {"roll_deg": 3.0}}}
     read = parser.parse_object({"model": {"class_path": "kfit.training.CoordinateTraining", "init_args": saved}})
-    assert read["model.init_args.jitter.class_path"] == "kfit.training.RandomSimilarity"
+    assert read["model.init_args.similarity.class_path"] == "kfit.training.RandomSimilarity"
+
+
+def test_old_names_of_arguments_are_read_where_they_belong_and_nowhere_else():
+    start = {"class_path": "kfit.initializers.Constant", "init_args": {"values": {"spread": 1}, "spread": {"x": 0.1}}}
+    other = {"class_path": "somebody.Constant", "init_args": {"spread": 1}}
+    assert current_paths([start, other]) == [
+        {"class_path": "kfit.initializers.Constant", "init_args": {"values": {"spread": 1}, "sigma": {"x": 0.1}}},
+        other,
+    ]
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("--model.recolor", "--model.recoloring"),
+        ("--model.init_args.photograph", "--model.photometric"),
+        ("--model.jitter.roll_deg=5", "--model.similarity.roll_deg=5"),
+        ("--model.out", "--model.out"),
+        ("--data.jitter", "--data.jitter"),
+        ("kfit.training.Jitter", "kfit.training.RandomSimilarity"),
+    ],
+)
+def test_old_names_of_arguments_are_read_on_the_command_line(old, new):
+    assert current_word(old) == new

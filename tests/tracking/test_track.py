@@ -42,7 +42,7 @@ def test_an_object_is_followed(laptop, clip, own):
     assert answers[-1].drawing.shape == (64, 64, 3)
 
 
-def test_a_frame_draws_three_pictures(laptop, clip, monkeypatch):
+def test_a_frame_draws_three_pictures_and_runs_the_head_once(laptop, clip, monkeypatch):
     tracker = Tracker(laptop, laptop.pose(clip.frames[0], mask=clip.masks[0] > 0.5, intrinsics=clip.intrinsics))
     drawn = []
     forward = type(tracker.bound).forward
@@ -52,7 +52,11 @@ def test_a_frame_draws_three_pictures(laptop, clip, monkeypatch):
         return forward(self, **values)
 
     monkeypatch.setattr(type(tracker.bound), "forward", counted)
+    head, runs = type(laptop.pose_head), []
+    read = head.forward
+    monkeypatch.setattr(head, "forward", lambda self, image: (runs.append(len(image)), read(self, image))[1])
     tracker(clip.frames[1], clip.masks[1] > 0.5)
+    assert runs == [1]
     assert drawn == [2, 1]
     assert tracker.num_drawn == 3
 

@@ -78,7 +78,10 @@ def test_the_loss_is_the_mean_divergence_of_the_targets(monkeypatch):
 
 
 def test_coordinates_follow_the_jittered_picture(monkeypatch):
-    module, (given, truth) = make(jitter=RandomSimilarity(180.0, 0.3, 1.4), recolor=lambda image: image / 2), views()
+    module, (given, truth) = (
+        make(similarity=RandomSimilarity(180.0, 0.3, 1.4), recoloring=lambda image: image / 2),
+        views(),
+    )
     module.log, shown = lambda *told, **settings: None, {}
     # What is seen are the coordinates themselves, so picture and truth can be compared.
     given["target"] = truth * (given["target_mask"] > 0) + 1
@@ -89,7 +92,7 @@ def test_coordinates_follow_the_jittered_picture(monkeypatch):
         return logits.mean((1, 2, 3, 4))
 
     monkeypatch.setattr(module.regressor, "divergence", divergence)
-    module.recolor = None
+    module.recoloring = None
     module.training_step(given, 0)
     inside = (shown["mask"] > 0.999).expand_as(truth)
     assert inside.sum() > 300
@@ -119,8 +122,8 @@ def test_some_steps_lessen_the_loss_and_the_checkpoint_holds_plain_data_alone(tm
     trainer.save_checkpoint(tmp_path / "all.ckpt")
     saved = torch.load(tmp_path / "all.ckpt", weights_only=True)
     assert dict(saved["hyper_parameters"]) == {
-        "rate": 0.01, "weight_decay": 1e-3, "unit_fraction": 1.15, "distance": 4.0, "jitter": None, "recolor": None,
-        "compile": False,
+        "rate": 0.01, "weight_decay": 1e-3, "unit_fraction": 1.15, "distance": 4.0, "similarity": None,
+        "recoloring": None, "compile": False,
     }  # fmt: skip
 
 

@@ -64,11 +64,11 @@ def test_the_loss_is_the_mean_distance_and_the_median_error_is_logged(logged):
 def test_views_are_scaled_then_disturbed_in_training_alone(logged):
     seen = []
 
-    def disturb(image, mask):
+    def corruption(image, mask):
         seen.append(mask)
         return image / 2, mask
 
-    module = build(jitter=RandomSimilarity(0.0, 0.0, 1.0), disturb=disturb).eval()
+    module = build(similarity=RandomSimilarity(0.0, 0.0, 1.0), corruption=corruption).eval()
     module.regressor.register_forward_pre_hook(lambda _, inputs: seen.append(inputs[0]))
     given = batch()
     with torch.no_grad():
@@ -82,7 +82,8 @@ def test_views_are_scaled_then_disturbed_in_training_alone(logged):
 
 def test_the_mask_follows_the_jitter():
     module = build(
-        jitter=RandomSimilarity(0.0, 0.0, 3.0), disturb=lambda image, mask: seen.append((image, mask)) or (image, mask)
+        similarity=RandomSimilarity(0.0, 0.0, 3.0),
+        corruption=lambda image, mask: seen.append((image, mask)) or (image, mask),
     )
     module.log, seen, given = lambda *told, **settings: None, [], batch()
     middle = torch.zeros(3, 1, SIDE, SIDE)
@@ -97,7 +98,7 @@ def test_the_mask_follows_the_jitter():
 
 @quiet
 def test_a_step_moves_the_regressor_and_the_checkpoint_holds_plain_data_alone(tmp_path):
-    module, one = build(disturb=RandomCorruption()), DataLoader([batch()], batch_size=None)
+    module, one = build(corruption=RandomCorruption()), DataLoader([batch()], batch_size=None)
     before = module.regressor.features[0].weight.detach().clone()
     trainer = Trainer(
         default_root_dir=tmp_path, max_epochs=1, accelerator="cpu", logger=False, enable_checkpointing=False,
@@ -109,7 +110,7 @@ def test_a_step_moves_the_regressor_and_the_checkpoint_holds_plain_data_alone(tm
     trainer.save_checkpoint(tmp_path / "all.ckpt")
     saved = torch.load(tmp_path / "all.ckpt", weights_only=True)
     assert dict(saved["hyper_parameters"]) == {
-        "rate": 3e-4, "weight_decay": 1e-2, "weights": None, "jitter": None, "compile": False,
+        "rate": 3e-4, "weight_decay": 1e-2, "weights": None, "similarity": None, "compile": False,
     }  # fmt: skip
 
 

@@ -106,9 +106,9 @@ def test_views_are_augmented_as_photos_then_recoloured_then_cropped(logged, lear
         augment.size = SIDE
         return augment
 
-    module = build(photograph=part("photograph"), recolor=part("recolor"), crop=part("crop"))
+    module = build(photometric=part("photometric"), recoloring=part("recoloring"), crop=part("crop"))
     module.training_step(given, 0)
-    assert order == ["photograph", "recolor", "crop"]
+    assert order == ["photometric", "recoloring", "crop"]
 
 
 def test_half_of_the_views_are_mirrored_with_their_azimuths_and_rolls(logged, learned):
@@ -156,7 +156,7 @@ def test_some_steps_lessen_the_loss_and_the_checkpoint_holds_plain_data_alone(tm
     trainer.save_checkpoint(tmp_path / "all.ckpt")
     saved = torch.load(tmp_path / "all.ckpt", weights_only=True)
     assert dict(saved["hyper_parameters"]) == {
-        "rate": 0.01, "weight_decay": 1e-3, "recolor": None, "photograph": None, "mirror": False, "compile": False,
+        "rate": 0.01, "weight_decay": 1e-3, "recoloring": None, "photometric": None, "mirror": False, "compile": False,
     }  # fmt: skip
 
 

@@ -45,7 +45,7 @@ class Schedule:
 
     Attributes:
         starts: a view, on an even grid of azimuths and elevations.
-        steps: of Adam; three eighths of the starts go on after step 3, an eighth after step 10.
+        steps: numbers of steps of Adam; three eighths of the starts go on after step 3, an eighth after step 10.
     """
 
     starts: int
@@ -62,9 +62,9 @@ class Found:
     Attributes:
         rotation_deg: (N,) errors by the category's symmetry; by the vertical axis alone where a handle is hidden.
         translation_cm: (N,) errors; None for methods without translation.
-        boxes: of the first views, rotation (3, 3) in OpenCV axes, translation (3,) and size (3,) in metres.
+        boxes: boxes of the first views, rotation (3, 3) in OpenCV axes, translation (3,) and size (3,) in metres.
         drawing: (`SHOWN`, 3, S, S) of the first views, where something was drawn.
-        results: of the fits, where there were any.
+        results: results of the fits, where there were any.
     """
 
     rotation_deg: Tensor
@@ -126,7 +126,7 @@ def by_fit(model: CategoryModel, views: HeldOutViews, pipeline: FitPipeline, on_
     angles = [torch.cat([r.values[name] for r in results]).double() for name in ("azimuth", "elevation", "roll")]
     away = errors(rotation_from_angles(*angles), views, model.card.category)
     shifts = 100 * translation_errors(model, views, results)
-    fits = [result.of(number) for result in results for number in range(len(result.energy))][:SHOWN]
+    fits = [one for result in results for one in result][:SHOWN]
     boxes = []
     for fit, crop, camera in zip(fits, views.crops, views.intrinsics, strict=False):
         rotation, place, diagonal = placement(fit.values, crop, camera, model.card)
@@ -150,11 +150,11 @@ def by_regressor(regressor: OrientationRegressor, views: HeldOutViews, category:
 
 def by_coordinates(network: CoordinateRegressor, views: HeldOutViews, category: str) -> Found:
     """Regressed NOCS coordinates brought onto the depth; NaN where that fails."""
-    seen = views.observation
-    coordinates = network.coordinates(seen.image)
+    observation = views.observation
+    coordinates = network.coordinates(observation.image)
     rotations, shifts, boxes = [], [], []
-    for number in range(seen.num_problems):
-        mask, depth, camera = (seen.field(name)[number] for name in ("mask", "depth", "intrinsics"))
+    for number in range(observation.num_problems):
+        mask, depth, camera = (observation.field(name)[number] for name in ("mask", "depth", "intrinsics"))
         rotation, place, size = torch.full((3, 3), torch.nan), torch.full((3,), torch.nan), torch.ones(3)
         with suppress(ValueError):  # nothing that could be aligned
             *pose, diagonal = pose_of_coordinates(coordinates[number], mask[0], depth[0], camera)

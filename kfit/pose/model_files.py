@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib
 import io
 import json
-import math
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -15,14 +14,14 @@ import torch
 from safetensors import SafetensorError
 from safetensors.torch import load, save
 from torch import Tensor, nn
-from torch.overrides import TorchFunctionMode
 
 from kfit.core import Encoder, Generator
 from kfit.generators import ExtentsHead
 from kfit.geometry import PoseNetwork
 from kfit.pose.card import LARGEST, NETWORKS, OPTIONAL, Card
+from kfit.pose.network_limits import LimitedSize, check_arguments, check_drawing
 from kfit.runtime.atomic_write import atomic_write
-from kfit.runtime.class_paths import current_path
+from kfit.runtime.class_paths import current_paths
 from kfit.runtime.torch_file import LARGEST_WEIGHTS, read_torch
 
 # Base class of each network, kfit's or the user's own.
@@ -47,8 +46,6 @@ OWN = {
     ],
     "kfit.baselines": ["CoordinateRegressor", "OrientationRegressor"],
 }
-# Functions that allocate the parameters of layers.
-MAKERS = (torch.empty, torch.zeros, torch.ones, torch.rand, torch.randn, torch.full)
 # Numbers that networks may have beyond the file's: constants that are not stored, and a margin.
 ROOM = 16_000_000
 # Key of the card in the metadata. Files of version 0.1 lack it; their card is NAME.json in the same folder.
@@ -69,13 +66,18 @@ def write_model(path: Path, networks: dict[str, nn.Module], card: Card) -> None:
         >>> kfit.load("copy.safetensors").card.category
         'can'
     """
+    content = model_content(networks, card)
+    atomic_write(path.parent, {path.name: lambda place: place.write_bytes(content)})
+
+
+def model_content(networks: dict[str, nn.Module], card: Card) -> bytes:
+    """Return the content that `write_model` writes."""
     numbers = {
         f"{name}.{key}": (tensor.half() if tensor.is_floating_point() else tensor).contiguous()
         for name, network in networks.items()
         for key, tensor in network.state_dict().items()
     }
-    content = save(numbers, {METADATA: card.to_json()})
-    atomic_write(path.parent, {path.name: lambda place: place.write_bytes(content)})
+    return save(numbers, {METADATA: card.to_json()})
 
 
 def read_model(path: Path) -> tuple[dict[str, nn.Module], Card]:
@@ -161,8 +163,8 @@ def read_checkpoint(path: Path, names: Sequence[str] = NETWORKS) -> tuple[dict[s
     If the training averaged weights, the averages are read.
 
     Args:
-        path: of the checkpoint.
-        names: of the networks: `kfit.training.ConditionalVAE`'s, or ``("pose_head",)`` of
+        path: path of the checkpoint.
+        names: names of the networks: `kfit.training.ConditionalVAE`'s, or ``("pose_head",)`` of
             `kfit.training.PoseTraining`.
 
     Raises:
@@ -182,24 +184,25 @@ def read_checkpoint(path: Path, names: Sequence[str] = NETWORKS) -> tuple[dict[s
         saved = read_torch(path)
         if isinstance(saved, dict) and "netG" in saved:
             raise ValueError("it is a released one of neural_object_fitting, which `kfit pack --category` takes")
-        said, numbers = dict(saved["hyper_parameters"]), dict(saved["state_dict"])
+        settings, numbers = dict(saved["hyper_parameters"]), dict(saved["state_dict"])
         saved["datamodule_hyper_parameters"]["category"]
     except (ValueError, TypeError, KeyError, IndexError) as error:
         raise ValueError(f"{path} is no checkpoint by `lightning fit`: {error}") from None
-    return {name: _filled(said.get(name), name, numbers, path) for name in names}, saved
+    return {name: _filled(settings.get(name), name, numbers, path) for name in names}, saved
 
 
-def _filled(said: Any, name: str, numbers: Mapping[Any, Any], path: Path) -> nn.Module:
+def _filled(settings: Any, name: str, numbers: Mapping[Any, Any], path: Path) -> nn.Module:
     """Build the network that a file names, with the file's numbers, in evaluation mode.
 
     Only the allowed classes of kfit, and the user's own in modules that are imported already, are built, so that a file
     cannot import code or call functions. Networks larger than the file's numbers are refused.
     """
-    if not (isinstance(said, dict) and isinstance(said.get("class_path"), str)):
+    if not (isinstance(settings, dict) and isinstance(settings.get("class_path"), str)):
         raise ValueError(f"{path} names no class for the {name}")
-    named = repr(said["class_path"][:100])
+    named = repr(settings["class_path"][:100])
     own = {key.removeprefix(f"{name}."): t for key, t in numbers.items() if str(key).startswith(f"{name}.")}
-    kind = _kind(current_path(said["class_path"]))
+    settings = current_paths(settings)
+    kind = _kind(settings["class_path"])
     if not (isinstance(kind, type) and issubclass(kind, ROLES[name])):
         raise ValueError(
             f"{path} names {named} as {name}: no network of kfit, nor of a module imported before, that could be one"
@@ -208,11 +211,15 @@ def _filled(said: Any, name: str, numbers: Mapping[Any, Any], path: Path) -> nn.
         raise ValueError(f"{path} holds something else than tensors for the {name}")
     try:
         # The constructor's random numbers are replaced by the file's; the caller's random state is not changed.
-        with torch.random.fork_rng([]), _Limited(ROOM + 4 * sum(tensor.numel() for tensor in own.values())):
-            network: nn.Module = kind(**said.get("init_args", {}))
+        with torch.random.fork_rng([]), LimitedSize(ROOM + 4 * sum(tensor.numel() for tensor in own.values())):
+            if kind.__module__.startswith("kfit."):
+                check_arguments(settings.get("init_args", {}))
+            network: nn.Module = kind(**settings.get("init_args", {}))
+            if kind.__module__.startswith("kfit."):
+                check_drawing(network)
     except Exception as error:  # the user's class may raise anything
         reason = " ".join(str(error).split()) or type(error).__name__
-        raise ValueError(f"{path}: {named} cannot be built as its card says: {reason}") from error
+        raise ValueError(f"{path}: {named} cannot be built from its card: {reason}") from error
     if not all(tensor.isfinite().all() for tensor in own.values()):
         raise ValueError(f"{path} holds numbers for the {name} that are not finite")
     try:
@@ -228,19 +235,3 @@ def _kind(class_path: str) -> Any:
     if module.split(".")[0] == "kfit":
         return getattr(importlib.import_module(module), kind) if kind in OWN.get(module, ()) else None
     return vars(sys.modules[module]).get(kind) if module in sys.modules else None
-
-
-class _Limited(TorchFunctionMode):
-    """Refuses tensors before they are allocated, if they would hold more than ``most`` numbers in total."""
-
-    def __init__(self, most: int) -> None:
-        super().__init__()
-        self.left = most
-
-    def __torch_function__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
-        if func in MAKERS:
-            shape = args[0] if args and isinstance(args[0], list | tuple) else args
-            self.left -= math.prod(side for side in shape if isinstance(side, int))
-            if self.left < 0:
-                raise ValueError("it would be far larger than its file")
-        return func(*args, **(kwargs or {}))
