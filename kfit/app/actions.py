@@ -35,8 +35,8 @@ class Actions:
     """Answers what visitors do, each by the changes of the page's parts.
 
     Args:
-        parts: of the page.
-        sessions: of all visitors.
+        parts: parts of the page.
+        sessions: sessions of all visitors.
     """
 
     def __init__(self, parts: Layout, sessions: Sessions) -> None:
@@ -144,7 +144,7 @@ class Actions:
     def run(self, token: str, category: str | None, camera: str) -> Iterator[Changes]:
         """Fit, and show how it goes, then the answer."""
         parts, session = self.parts, self.sessions.of(token)
-        told: list[Drawn] = []
+        steps: list[Drawn] = []
         session.busy = True
         try:
             yield {**self._without_answer(session), parts.fit: gr.update(visible=False)} | {
@@ -155,13 +155,13 @@ class Actions:
                 for before in waiting:
                     yield {parts.view: views.waiting(before)}
                 fitting = session.fit(category, lens)
-                yield {parts.view: views.converging(told, session.image)}
+                yield {parts.view: views.converging(steps, session.image)}
                 for news in fitting:
                     if isinstance(news, Drawn):
-                        told.append(news)
-                        yield {parts.view: views.converging(told, session.image)}
+                        steps.append(news)
+                        yield {parts.view: views.converging(steps, session.image)}
                     else:
-                        yield self._answered(news, told)
+                        yield self._answered(news, steps)
                         files = session.write(news, lens)
                         yield {parts.downloads: gr.update(visible=True)} | {
                             part: gr.update(value=str(files[name]), visible=True)
@@ -175,11 +175,11 @@ class Actions:
         finally:
             session.busy = False
 
-    def _answered(self, result: PoseResult, told: list[Drawn]) -> Changes:
+    def _answered(self, result: PoseResult, steps: list[Drawn]) -> Changes:
         parts, made = self.parts, scene(result)
         return {
             parts.steps: views.steps(2),
-            parts.view: views.answered(result, told),
+            parts.view: views.answered(result, steps),
             parts.solid: gr.update(value=str(scene_html(result, made)), scene=json.dumps(made), visible=True),
             parts.fit: gr.update(visible=True),
             parts.stop: gr.update(visible=False),

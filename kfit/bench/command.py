@@ -4,7 +4,19 @@ from __future__ import annotations
 
 from jsonargparse import ArgumentParser, Namespace
 
-from kfit.bench import accuracy, dataset, energies, optimizers, photos, registration, scaling, speed, tracking, training
+from kfit.bench import (
+    accuracy,
+    dataset,
+    energies,
+    minimum,
+    optimizers,
+    photos,
+    registration,
+    scaling,
+    speed,
+    tracking,
+    training,
+)
 from kfit.bench.paper import command as paper
 
 BENCHMARKS = {
@@ -12,6 +24,7 @@ BENCHMARKS = {
     "dataset": dataset,
     "energies": energies,
     "following": tracking,
+    "minimum": minimum,
     "optimizers": optimizers,
     "photos": photos,
     "registration": registration,

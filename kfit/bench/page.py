@@ -41,15 +41,15 @@ def write_page(
     lines: Sequence[str] = (),
     files: Mapping[str, Callable[[Path], object]] | None = None,
 ) -> None:
-    """Write README.md: title, what it was made by and on, lines, and tables.
+    """Write README.md: title, command, machine, introductory lines and tables.
 
     Args:
-        out: folder.
-        title: of the page.
-        command: that repeats it.
-        tables: in order.
-        lines: above them.
-        files: what writes others beside it, by name.
+        out: Folder of the page.
+        title: Title of the page.
+        command: Command that repeats the measurement.
+        tables: Tables, in order.
+        lines: Lines above the tables.
+        files: Functions that write further files into the folder, by file name.
     """
     from kfit.runtime.atomic_write import atomic_write
 

@@ -80,8 +80,8 @@ def table(answers: Answers) -> Table:
             score = "" if result.category_score is None else f" ({100 * result.category_score:.0f} %)"
             box = " ".join(map(str, result.bbox_xywh))
             name = [Path(photo).name] if len(answers) > 1 else []
-            told = (words.view, words.size, words.distance, words.confidence)
-            made.add_row(*name, str(number), f"{words.name}{score}", box, *told)
+            cells = (words.view, words.size, words.distance, words.confidence)
+            made.add_row(*name, str(number), f"{words.name}{score}", box, *cells)
         if not results:
             made.add_row(Path(photo).name, "", "nothing found")
     return made

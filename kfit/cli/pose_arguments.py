@@ -56,6 +56,13 @@ def parser() -> ArgumentParser:
         metavar=("X", "Y", "W", "H"),
         help="box around the object in pixels; of several photos --box once for each",
     )
+    thing.add_argument(
+        "--ignore",
+        type=str,
+        default=None,
+        metavar="FILE",
+        help="a picture of the photo's size, light where something else hides the object; it does not count there",
+    )
     thing.add_argument("--pick", action="store_true", help="list what was found, and ask which of it is meant")
     thing.add_argument(
         "--segmenter",

@@ -11,7 +11,7 @@ from kfit.core.manifolds import SO3, Simplex, UnitVector
 from kfit.core.observation import Observation, Rendering
 from kfit.core.prior import Prior, ResidualPrior
 from kfit.core.result import FitResult, History
-from kfit.core.state import Evaluation, FitState, GradientEvaluation, ResidualEvaluation
+from kfit.core.state import Evaluation, FitState, GradientEvaluation, PicturesEvaluation, ResidualEvaluation
 from kfit.core.variables import Angle, Bounded, Positive, Real, Space, Variable, Variables
 
 __all__ = [
@@ -33,6 +33,7 @@ __all__ = [
     "Linearization",
     "Observation",
     "Optimizer",
+    "PicturesEvaluation",
     "Positive",
     "Prior",
     "Real",

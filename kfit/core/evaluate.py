@@ -6,10 +6,10 @@ from typing import Literal, Protocol, overload
 
 from torch import Tensor
 
-from kfit.core.state import Evaluation, GradientEvaluation, ResidualEvaluation
+from kfit.core.state import Evaluation, GradientEvaluation, PicturesEvaluation, ResidualEvaluation
 from kfit.core.variables import Variables
 
-Need = Literal["value", "gradient", "residuals"]
+Need = Literal["value", "gradient", "residuals", "pictures"]
 
 
 class Evaluate(Protocol):
@@ -24,6 +24,8 @@ class Evaluate(Protocol):
     def __call__(self, raw: Variables, problem: Tensor, need: Literal["gradient"]) -> GradientEvaluation: ...
     @overload
     def __call__(self, raw: Variables, problem: Tensor, need: Literal["residuals"]) -> ResidualEvaluation: ...
+    @overload
+    def __call__(self, raw: Variables, problem: Tensor, need: Literal["pictures"]) -> PicturesEvaluation: ...
     def __call__(self, raw: Variables, problem: Tensor, need: Need = "value") -> Evaluation:
         """Evaluate rows (N, \\*raw_shape); the gradient is with respect to a step as `retract` takes it."""
         ...

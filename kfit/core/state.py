@@ -37,7 +37,7 @@ class GradientEvaluation(Evaluation):
     """Energies of N rows and their gradient.
 
     Attributes:
-        gradient: of the sum of ``energy`` over rows with respect to raw variables.
+        gradient: gradient of the sum of ``energy`` over rows with respect to raw variables.
     """
 
     gradient: Variables
@@ -52,6 +52,17 @@ class ResidualEvaluation(Evaluation):
     """
 
     residuals: Tensor
+
+
+@dataclass(kw_only=True)
+class PicturesEvaluation(Evaluation):
+    """Energies of N rows and the observed pictures.
+
+    Attributes:
+        observed: fields of the observation, such as ``image`` and ``mask``, for each drawn picture.
+    """
+
+    observed: dict[str, Tensor]
 
 
 @dataclass

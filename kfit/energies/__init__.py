@@ -4,6 +4,7 @@ from kfit.energies import functional
 from kfit.energies.code_prior import CodePrior
 from kfit.energies.depth import Depth
 from kfit.energies.gradient import Gradient
+from kfit.energies.learned_score import LearnedScore
 from kfit.energies.lens_prior import LensPrior
 from kfit.energies.local_ncc import LocalNCC
 from kfit.energies.lpips import LPIPS
@@ -37,6 +38,7 @@ __all__ = [
     "GemanMcClure",
     "Gradient",
     "Huber",
+    "LearnedScore",
     "LensPrior",
     "LocalNCC",
     "MutualInformation",

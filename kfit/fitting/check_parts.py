@@ -66,7 +66,7 @@ def _check_names(generator: Generator, energies: Mapping[str, Any], initializers
 
 
 def check_numbers(num_starts: Any, num_steps: Any, num_candidates: Any, history: Any, min_overlap: Any) -> None:
-    """Refuse settings of a fit that are no numbers of their ranges.
+    """Check that the numeric settings of a fit are numbers within their ranges.
 
     Raises:
         TypeError, ValueError: naming the setting.
@@ -128,7 +128,7 @@ def check_callbacks(callbacks: Any) -> None:
     """Refuse anything but a list of callbacks.
 
     Raises:
-        TypeError: naming the one that is none.
+        TypeError: Names the first entry that is not a callback.
     """
     _check_list("callbacks", callbacks, Callback)
 

@@ -12,6 +12,7 @@ from kfit.core import (
     Energy,
     Evaluation,
     GradientEvaluation,
+    PicturesEvaluation,
     Prior,
     ResidualEnergy,
     ResidualEvaluation,
@@ -41,8 +42,8 @@ class Objective:
 
     Args:
         prepared: generator and terms, and what they prepared of the observation.
-        weights: of the terms in the energy that is descended, by name.
-        rank_weights: of the terms in the energy by which rows are ranked; 0 for terms not named.
+        weights: weights of the terms in the energy that is minimised, by name.
+        rank_weights: weights of the terms in the energy by which rows are ranked; 0 for terms not named.
         min_overlap: least overlap of a row that may win.
     """
 
@@ -62,6 +63,8 @@ class Objective:
     def __call__(self, raw: Variables, problem: Tensor, need: Literal["gradient"]) -> GradientEvaluation: ...
     @overload
     def __call__(self, raw: Variables, problem: Tensor, need: Literal["residuals"]) -> ResidualEvaluation: ...
+    @overload
+    def __call__(self, raw: Variables, problem: Tensor, need: Literal["pictures"]) -> PicturesEvaluation: ...
     def __call__(self, raw: Variables, problem: Tensor, need: Need = "value") -> Evaluation:
         """Draw and compare rows.
 
@@ -114,6 +117,10 @@ class Objective:
         found = Evaluation(energy.detach(), ranking, terms, values, drawn.rendering.map(Tensor.detach))
         if need == "gradient":
             return GradientEvaluation(**vars(found), gradient=gradient)
+        if need == "pictures":
+            fields = vars(self.prepared.observation).items()
+            observed = {name: value for name, value in fields if isinstance(value, Tensor)}
+            return PicturesEvaluation(**vars(found), observed=rows_of(observed, rows.picture))
         return found if need == "value" else ResidualEvaluation(**vars(found), residuals=torch.cat(drawn.residuals, 1))
 
     def _draw(self, raw: Variables, rows: RowInputs, need: Need) -> DrawnRows:

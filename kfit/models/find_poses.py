@@ -27,6 +27,7 @@ def find_poses(
     box: Box | None = None,
     intrinsics: NDArray[Any] | Tensor | None = None,
     depth: NDArray[Any] | None = None,
+    ignore: NDArray[Any] | None = None,
     segmenter: str | Path | Segmenter | None = None,
     seed: int = 0,
 ) -> list[PoseResult]:
@@ -43,6 +44,7 @@ def find_poses(
         box: left, top, width, height in pixels around one object.
         intrinsics: (3, 3) of the camera; by the file's EXIF tags, or a view of 60°, by default.
         depth: (H, W) in metres along the camera's axis; values that are not finite and above 0 are unknown.
+        ignore: (H, W), above one half of its full scale where pixels do not count, as something else hides an object.
         segmenter: your own network for the masks, as an ONNX file or a `kfit.segmentation.Segmenter`.
         seed: determines the random numbers.
 
@@ -67,7 +69,10 @@ def find_poses(
     name = category if not isinstance(category, CategoryModel) else category.card.category
     known = load_segmenter(segmenter) if isinstance(segmenter, str | Path) else segmenter
     targets = find_targets(photo, name, mask, box, known)
-    return [pose_of(model or load(target.category), photo, target, intrinsics, depth, seed=seed) for target in targets]
+    return [
+        pose_of(model or load(target.category), photo, target, intrinsics, depth, seed, ignore=ignore)
+        for target in targets
+    ]
 
 
 def pose_of(
@@ -79,12 +84,14 @@ def pose_of(
     seed: int = 0,
     pipeline: FitPipeline | None = None,
     callbacks: Sequence[Callback] = (),
+    ignore: NDArray[Any] | None = None,
 ) -> PoseResult:
     """The pose of one object that was found; arguments as those of `kfit.pose.CategoryModel.pose`."""
     answer = model.pose(
         photo,
         intrinsics=intrinsics,
         depth=depth,
+        ignore=ignore,
         segmenter=target,
         seed=seed,
         pipeline=pipeline,
@@ -103,4 +110,4 @@ def pose_in_views(
 ) -> PoseResult:
     """The pose of one object that was found in each of several photos, in the first one's camera."""
     answer = model.pose(photos, intrinsics=intrinsics, relative_poses=relative_poses, segmenter=targets, seed=seed)
-    return with_score(answer, min(targets, key=lambda target: target.score))
+    return with_score(answer, min(targets, key=lambda target: 1.0 if target.score is None else target.score))

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import torch
 
-from kfit.models.files import read_model
+from kfit.core import Encoder, Generator
 from kfit.pose.category_model import CategoryModel
+from kfit.pose.model_files import read_model
 from kfit.runtime.devices import safe_after_fork
 
 _log = logging.getLogger(__name__)
@@ -51,3 +52,15 @@ def load(model: str | Path) -> CategoryModel:
     _log.debug("reads the model %s", name)
     networks, card = read_model(Path(name))
     return CategoryModel(**networks, card=card)  # type: ignore[arg-type]
+
+
+def generator_and_encoder(model: str | Path) -> tuple[Generator, Encoder]:
+    """Return the two networks of a model that draw its category; the argument and errors are those of `load`.
+
+    Example:
+        >>> generator, encoder = generator_and_encoder("can")
+        >>> generator.variables["code"].shape
+        (16,)
+    """
+    found = load(model)
+    return found.generator, found.encoder

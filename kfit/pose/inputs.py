@@ -97,6 +97,21 @@ def choose_mask(
     return Segment(clean.mask, found.notes + clean.notes, found.doubts + clean.doubts)
 
 
+def as_ignored(ignore: NDArray[Any], mask: NDArray[Any]) -> NDArray[np.float32]:
+    """Return where pixels do not count, (H, W) of 0 and 1.
+
+    Raises:
+        ValueError: if ``ignore`` has not the shape of the mask (H, W), or covers all of the object.
+    """
+    given = as_numbers("ignore", ignore)
+    if given.shape != mask.shape:
+        raise ValueError(f"ignore must have the photo's shape {mask.shape}, got {given.shape}")
+    hidden = binary_mask(given).astype(np.float32)
+    if not (mask * (1 - hidden) > 0.5).any():
+        raise ValueError("ignore covers all of the object: nothing is left to fit")
+    return hidden
+
+
 def as_depth(depth: NDArray[Any], shape: tuple[int, ...]) -> NDArray[np.float32]:
     """Convert a depth map to (H, W) float32.
 

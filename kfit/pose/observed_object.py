@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from kfit.core import Observation
-from kfit.geometry import CATEGORIES, Crop, observed
+from kfit.geometry import Category, Crop, observed
 from kfit.geometry.crop import MARGIN
-from kfit.pose.inputs import as_depth, as_photo, choose_camera, choose_mask
+from kfit.pose.inputs import as_depth, as_ignored, as_photo, choose_camera, choose_mask
 from kfit.pose.object_depth import object_depth
 from kfit.segmentation import Photo, Segmenter, load_segmenter, mask_from_alpha, read_photo
 
@@ -21,6 +21,8 @@ from kfit.segmentation import Photo, Segmenter, load_segmenter, mask_from_alpha,
 PLAIN = "the object has one colour: only its outline shows its pose, and the confidence is 50 % at most"
 WHOLE = "the mask covers the whole picture: there is no outline, and the confidence is 50 % at most"
 _LEAST_SPREAD = 0.01
+# A pixel of the picture counts where a smaller share of it is ignored.
+MOST_IGNORED = 0.25
 
 
 @dataclass(frozen=True)
@@ -55,20 +57,21 @@ class ObservedObject:
     @staticmethod
     def of(
         image: str | Path | Photo | NDArray[Any],
-        category: str,
+        category: Category,
         size: int,
         mask: NDArray[Any] | None = None,
         box: tuple[float, float, float, float] | None = None,
         intrinsics: NDArray[Any] | Tensor | None = None,
         depth: NDArray[Any] | None = None,
         segmenter: str | Path | Segmenter | None = None,
+        ignore: NDArray[Any] | None = None,
     ) -> ObservedObject:
         """Find the object and cut it out, as `kfit.pose.CategoryModel.pose` describes.
 
         Args:
-            image, mask, box, intrinsics, depth, segmenter: as there.
-            category: for segmenters.
-            size: of the picture in pixels.
+            image, mask, box, intrinsics, depth, segmenter, ignore: as there.
+            category: category of the object; segmenters use its name.
+            size: size of the picture in pixels.
 
         Raises:
             FileNotFoundError, ValueError: if an input cannot be used, in one sentence.
@@ -84,8 +87,9 @@ class ObservedObject:
             pixels = as_photo(image)
         if isinstance(segmenter, str | Path):
             segmenter = load_segmenter(segmenter)
-        segment = choose_mask(pixels, mask, box, alpha, segmenter, category)
-        found = segment.mask
+        segment = choose_mask(pixels, mask, box, alpha, segmenter, category.name)
+        hidden = None if ignore is None else as_ignored(ignore, segment.mask)
+        found = segment.mask if hidden is None else segment.mask * (1 - hidden)
         notes += segment.notes
         doubts += segment.doubts
         camera, came_from = choose_camera(pixels, intrinsics, known, notes, doubts)
@@ -95,10 +99,13 @@ class ObservedObject:
         of_object = None
         if depth is not None:
             away = as_depth(depth, found.shape)
-            of_object, noted, doubted = object_depth(away, found, camera.double(), CATEGORIES[category])
+            of_object, noted, doubted = object_depth(away, found, camera.double(), category)
             notes += noted
             doubts += doubted
         observation = observed(crop, pixels, found, of_object, camera.double())
+        if hidden is not None and hidden.any():
+            part = crop.cut(pixels, hidden).field("mask")
+            observation = replace(observation, weight=(part < MOST_IGNORED).to(part))
         if depth is not None and not bool(observation.field("depth").isfinite().any()):
             raise ValueError(f"depth is known at too few pixels of the object: none is left in its {size} x {size}")
         doubts += [PLAIN] * _is_plain(observation) + [WHOLE] * bool((found > 0.5).all())

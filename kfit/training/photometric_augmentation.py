@@ -45,6 +45,10 @@ class PhotometricAugmentation:
     def __call__(self, image: Tensor, mask: Tensor) -> Tensor:
         """Pictures (N, 3, S, S) on white and their masks (N, 1, S, S) → pictures, each its own way, drawn from torch's
         random numbers."""
+        return self.with_mask(image, mask)[0]
+
+    def with_mask(self, image: Tensor, mask: Tensor) -> tuple[Tensor, Tensor]:
+        """Pictures and masks as `__call__` takes them → pictures and the masks m' by which they are cut out."""
         rows, _, height, width = image.shape
 
         def even(*shape: int) -> Tensor:
@@ -67,4 +71,4 @@ class PhotometricAugmentation:
         cut = ((gaussian_blur2d(mask, 5, mask.new_ones(rows, 2)) - threshold) / 0.25 + 0.5).clamp(0, 1)
         shot = photo.clamp(0, 1) * cut + 1 - cut
         clean = even(rows, 1, 1, 1) < 0.5
-        return torch.where(clean, image, shot)
+        return torch.where(clean, image, shot), torch.where(clean, mask, cut)

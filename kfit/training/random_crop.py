@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import torch
 from kornia.geometry.transform import warp_affine
@@ -48,13 +49,18 @@ class RandomCrop:
         Returns:
             Crops (N, 3, size, size) on white, and their rolls (N,) in radians; drawn from torch's random numbers.
         """
+        image, _, crop = self.draw(image, mask)
+        return crop.cut(image, self.size), crop.roll
+
+    def draw(self, image: Tensor, mask: Tensor) -> tuple[Tensor, Tensor, RolledCrop]:
+        """Hide sides of pictures (N, 3, S, S) and masks (N, 1, S, S), and choose the crops of what is left."""
         rows = image.new_zeros(len(image))
         near = self.roll * torch.randn_like(rows)
         roll = torch.where(torch.rand_like(rows) < 0.5, near, math.pi * (2 * torch.rand_like(rows) - 1))
         image, mask = self._hide(image, mask)
         even = 2 * torch.rand_like(image[:, :, 0, 0]) - 1
         shift, factor = self.shift * even[:, :2], (math.log(self.scale) * even[:, 2]).exp()
-        return crop_rolled(image, mask, roll, self.size, shift, factor), roll
+        return image, mask, RolledCrop.around(mask, roll, shift, factor)
 
     def _hide(self, image: Tensor, mask: Tensor) -> tuple[Tensor, Tensor]:
         rows = image.new_zeros(len(image))
@@ -68,40 +74,58 @@ class RandomCrop:
         return (image - 1) * kept + 1, mask * kept
 
 
-def crop_rolled(
-    image: Tensor, mask: Tensor, roll: Tensor, size: int, shift: Tensor | None = None, factor: Tensor | None = None
-) -> Tensor:
-    """Rotate pictures by their rolls and crop squares around the boxes of their rotated masks.
+class RolledCrop(NamedTuple):
+    """Squares cut out of pictures that are turned about their middles first.
 
-    Args:
-        image: (N, C, S, S) on white.
-        mask: (N, 1, S, S), above 1/2 on the object.
-        roll: (N,) anticlockwise, in radians.
-        size: side of the crops in pixels.
-        shift: (N, 2) shift of the crops' centres right and down, as fractions of their sides.
-        factor: (N,) of the crops' sides.
-
-    Returns:
-        (N, C, size, size) on white, the squares' sides 1.3 times those of the boxes.
+    Attributes:
+        roll: (N,) anticlockwise turns in radians.
+        centre: (N, 2) of the squares, in pixels right and down from the middles of the turned pictures.
+        side: (N,) of the squares in pixels.
     """
-    cos, sin = roll.cos()[:, None, None], roll.sin()[:, None, None]
-    x, y = _pixels(mask)
-    # In pixels y points down: an anticlockwise turn takes (x, y) to (x cos + y sin, −x sin + y cos).
-    turned = torch.stack([cos * x + sin * y, cos * y - sin * x])
-    there = mask[:, 0] > 0.5
-    low, high = (torch.stack([_extreme(axis, there, largest) for axis in turned], 1) for largest in (False, True))
-    side = MARGIN * (high - low + 1).amax(1)
-    side = side if factor is None else side * factor
-    centre = (low + high) / 2
-    centre = centre if shift is None else centre + shift * side[:, None]
-    zoom = (size / side)[:, None, None]
-    linear = zoom * torch.cat([torch.cat([cos, sin], 2), torch.cat([-sin, cos], 2)], 1)
-    middle_in, middle_out = (image.shape[-1] - 1) / 2, (size - 1) / 2
-    offset = middle_out - zoom * centre[..., None] - linear.sum(2, keepdim=True) * middle_in
-    with torch.autocast(image.device.type, enabled=False):
-        matrix = torch.cat([linear, offset], 2)
-        cropped: Tensor = warp_affine(image - 1, matrix, (size, size), align_corners=True) + 1
-    return cropped
+
+    roll: Tensor
+    centre: Tensor
+    side: Tensor
+
+    @classmethod
+    def around(
+        cls, mask: Tensor, roll: Tensor, shift: Tensor | None = None, factor: Tensor | None = None
+    ) -> RolledCrop:
+        """The squares around the boxes of the turned masks, their sides 1.3 times those of the boxes.
+
+        Args:
+            mask: (N, 1, S, S), above 1/2 on the object.
+            roll: (N,).
+            shift: (N, 2) of the squares' centres right and down, as shares of their sides.
+            factor: (N,) on the squares' sides.
+        """
+        cos, sin = roll.cos()[:, None, None], roll.sin()[:, None, None]
+        x, y = _pixels(mask)
+        # In pixels y points down: an anticlockwise turn takes (x, y) to (x cos + y sin, −x sin + y cos).
+        turned = torch.stack([cos * x + sin * y, cos * y - sin * x])
+        there = mask[:, 0] > 0.5
+        low, high = (torch.stack([_extreme(axis, there, largest) for axis in turned], 1) for largest in (False, True))
+        side = MARGIN * (high - low + 1).amax(1)
+        side = side if factor is None else side * factor
+        centre = (low + high) / 2
+        return cls(roll, centre if shift is None else centre + shift * side[:, None], side)
+
+    def cut(self, image: Tensor, size: int) -> Tensor:
+        """Pictures (N, C, S, S) on white → the squares as pictures (N, C, size, size) on white."""
+        cos, sin = self.roll.cos()[:, None, None], self.roll.sin()[:, None, None]
+        zoom = (size / self.side)[:, None, None]
+        linear = zoom * torch.cat([torch.cat([cos, sin], 2), torch.cat([-sin, cos], 2)], 1)
+        middle_in, middle_out = (image.shape[-1] - 1) / 2, (size - 1) / 2
+        offset = middle_out - zoom * self.centre[..., None] - linear.sum(2, keepdim=True) * middle_in
+        with torch.autocast(image.device.type, enabled=False):
+            matrix = torch.cat([linear, offset], 2)
+            cropped: Tensor = warp_affine(image - 1, matrix, (size, size), align_corners=True) + 1
+        return cropped
+
+
+def crop_rolled(image: Tensor, mask: Tensor, roll: Tensor, size: int) -> Tensor:
+    """Turn pictures (N, C, S, S) on white by their rolls (N,) and cut out the squares around their turned masks."""
+    return RolledCrop.around(mask, roll).cut(image, size)
 
 
 def _pixels(mask: Tensor) -> tuple[Tensor, Tensor]:

@@ -9,7 +9,8 @@ import pytest
 
 from kfit.app import line as module
 from kfit.app.line import Line
-from kfit.app.session import Session, Sessions
+from kfit.app.session import Session
+from kfit.app.sessions import Sessions
 
 
 def test_each_waits_for_those_before_and_sees_how_many_they_are(monkeypatch):

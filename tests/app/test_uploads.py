@@ -76,7 +76,7 @@ def test_a_file_of_too_many_bytes_is_refused_before_it_is_opened(tmp_path, decod
     assert decoded == []
 
 
-def test_a_damaged_picture_is_told_by_its_name_alone(tmp_path):
+def test_a_damaged_picture_is_reported_by_its_name_alone(tmp_path):
     path = tmp_path / "photo.jpg"
     Image.fromarray(np.random.default_rng(0).integers(0, 255, (64, 64, 3), dtype=np.uint8)).save(path)
     path.write_bytes(path.read_bytes()[:800])

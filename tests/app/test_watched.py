@@ -27,7 +27,7 @@ def seen(drawn_mug):
 
 
 @pytest.mark.slow
-def test_each_step_is_told_once_and_the_answer_is_that_of_an_unwatched_fit(model, seen):
+def test_each_step_is_reported_once_and_the_answer_is_that_of_an_unwatched_fit(model, seen):
     *told, result = watched(model, *seen)
     assert [drawn.step for drawn in told] == list(range(17))
     assert {drawn.num_steps for drawn in told} == {16}

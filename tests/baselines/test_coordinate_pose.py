@@ -98,17 +98,17 @@ def test_icp_that_does_not_bring_clouds_closer_is_left_out(seen: dict[str, Tenso
     torch.testing.assert_close(pose(seen)[:2], plain[:2])
 
 
-def test_too_little_depth_is_told(seen: dict[str, Tensor]) -> None:
+def test_too_little_depth_is_reported(seen: dict[str, Tensor]) -> None:
     with pytest.raises(ValueError, match="depth: 0 pixels of the object have it, and at least 16 are needed"):
         pose(seen, depth=torch.full((64, 64), math.nan))
 
 
-def test_coordinates_that_fit_no_similarity_are_told(seen: dict[str, Tensor]) -> None:
+def test_coordinates_that_fit_no_similarity_are_reported(seen: dict[str, Tensor]) -> None:
     wild = torch.rand(3, 64, 64, generator=torch.Generator().manual_seed(0)) - 0.5
     with pytest.raises(ValueError, match="no similarity brings a tenth of"):
         pose(seen, coordinates=wild)
 
 
-def test_shapes_that_do_not_fit_are_told(seen: dict[str, Tensor]) -> None:
+def test_shapes_that_do_not_fit_are_reported(seen: dict[str, Tensor]) -> None:
     with pytest.raises(ValueError, match=r"depth must have shape \(64, 64\), got \(1, 64, 64\)"):
         pose(seen, depth=seen["depth"][None])

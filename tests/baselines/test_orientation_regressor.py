@@ -78,7 +78,7 @@ def test_starts_from_published_weights_where_they_are_given(dev_data) -> None:
     assert all(p.requires_grad for p in regressor.parameters())
 
 
-def test_a_missing_file_of_weights_is_told() -> None:
+def test_a_missing_file_of_weights_is_reported() -> None:
     with pytest.raises(FileNotFoundError, match="there is no file nowhere"):
         OrientationRegressor(hidden_dim=4, image_size=32).fill("nowhere.pth")
 
@@ -86,7 +86,7 @@ def test_a_missing_file_of_weights_is_told() -> None:
 @pytest.mark.parametrize(
     ("settings", "sentence"),
     [
-        ({"symmetry": "z"}, "symmetry must be 'none' or 'y', got 'z'"),
+        ({"symmetry": "z"}, "symmetry must be one of none, y, y2"),
         ({"image_size": 48}, "image_size must be a multiple of 32, got 48"),
     ],
 )

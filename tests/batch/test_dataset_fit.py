@@ -20,6 +20,7 @@ from kfit.batch.fit_data import ObjectCropper
 from kfit.batch.nocs_fit import NOCSFit
 from kfit.batch.photo_folder import PhotoFolder
 from kfit.data import dump_pickle, load_pickle, read_results, result_files
+from kfit.geometry import CATEGORIES
 from kfit.metrics import evaluate_nocs
 from kfit.models import load, write_model
 from kfit.pose import CategoryModel
@@ -179,7 +180,7 @@ def test_detections_tell_objects_masks_and_scores(nocs, models, tmp_path):
     assert len(result_files(tmp_path / "out")) == 3
 
 
-def test_an_object_that_cannot_be_fitted_is_told_and_the_others_are_fitted(nocs, models, tmp_path):
+def test_an_object_that_cannot_be_fitted_is_reported_and_the_others_are_fitted(nocs, models, tmp_path):
     found = tmp_path / "detections"
     found.mkdir()
     masks = np.zeros((*SHAPE, 2), np.uint8)
@@ -279,7 +280,7 @@ def test_processes_share_the_images_without_repeating_any(nocs, world_size, monk
 
 def test_processes_that_read_cut_the_same_out(nocs):
     data = NOCSFit(nocs, "real_test", batch_size=3)
-    data.left, data.cropper = data.names(), ObjectCropper({"mug": 64}, depth=False)
+    data.left, data.cropper = data.names(), ObjectCropper({"mug": (CATEGORIES["mug"], 64)}, depth=False)
     found = []
     for data.num_workers in (0, 2):
         found.append([image for batch in data.predict_dataloader() for image in batch])
@@ -293,7 +294,7 @@ def test_processes_that_read_cut_the_same_out(nocs):
                 assert torch.equal(one.observation.image, other.observation.image)
 
 
-def test_a_real_photo_s_depth_beside_it_is_used(dev_data, tmp_path):
+def test_the_depth_file_of_a_real_photo_is_used(dev_data, tmp_path):
     photos = tmp_path / "photos"
     photos.mkdir()
     for part, name in (("image", "mug.png"), ("mask", "mug_mask.png"), ("depth", "mug_depth.png")):

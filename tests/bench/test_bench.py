@@ -20,7 +20,7 @@ def test_registration_prints_a_table_and_who_is_more_accurate(capsys, tmp_path):
     assert "kfit is at least as accurate as Kornia on 2 of 2 pairs: nearer by more than the floor on 2" in said
 
 
-def test_rivals_are_told_apart_by_the_floor_and_by_the_median_of_draws():
+def test_rivals_are_compared_by_the_floor_and_by_the_median_of_draws():
     ours, theirs, floor = [0.1, 0.2, 0.2, 0.3], [0.4, 0.1, 0.25, 0.2], [0.08] * 4
     told = "kfit is at least as accurate as ECC on 2 of 4 pairs: nearer by more than the floor on 1, further by more"
     told += " than it on 2; it loses 0 (off by over 1 pixel) that ECC finds"

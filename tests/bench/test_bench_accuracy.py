@@ -112,7 +112,7 @@ def test_the_last_row_is_the_mean_of_the_categories() -> None:
     assert len(views_section("x", {"mug": both["mug"]}).rows) == 1
 
 
-def test_objects_without_depth_are_told_and_not_counted_as_near() -> None:
+def test_objects_without_depth_are_reported_and_not_counted_as_near() -> None:
     near, far = {"rotation_deg": 4.0, "translation_cm": 1.0}, {"rotation_deg": np.nan, "translation_cm": np.nan}
     rows = [
         {"name": "a", "split": "real_test", "category": "mug", "RGB": near, "RGB-D": None},

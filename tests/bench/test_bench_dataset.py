@@ -18,7 +18,7 @@ def test_the_first_batch_is_counted_apart():
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*LeafSpec")
-def test_a_folder_is_drawn_fitted_and_judged(tmp_path, capsys):
+def test_a_folder_is_drawn_fitted_and_evaluated(tmp_path, capsys):
     words = ["--objects", "2", "--precisions", "[32-true]", "--out", str(tmp_path)]
     main(["bench", "dataset", "--category", "can", *words])
     page = (tmp_path / "README.md").read_text()

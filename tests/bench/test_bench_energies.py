@@ -83,7 +83,7 @@ def test_every_energy_fits_a_model() -> None:
         assert all(pipeline.weights[name] == weight for name, (_, weight) in make(model).items())
 
 
-def test_frames_are_told_by_median_and_shares() -> None:
+def test_frames_are_reported_by_median_and_shares() -> None:
     objects = [{"RGB": {"rotation_deg": error, "translation_cm": 1.0}} for error in (3.0, 12.0, 40.0)]
     (row,) = section({"SSIM": {"procedural": {}, "scans": {}, "objects": objects}}).rows
     assert row == ["SSIM", "12.0°", "1 of 3", "2 of 3"]

@@ -30,7 +30,7 @@ OPEN = {"name": "d", "version": "1.0", "vulns": [{"id": "CVE-2", "fix_versions":
         ]),
     ],
 )  # fmt: skip
-def test_a_hole_that_a_release_mends_fails_and_silence_is_told(answers, status, said, monkeypatch, capsys):
+def test_a_fixed_vulnerability_fails_and_silence_is_reported(answers, status, said, monkeypatch, capsys):
     monkeypatch.setitem(SCRIPT["main"].__globals__, "asked", lambda database, ignored: answers.get(database))
     assert SCRIPT["main"]() == status
     assert capsys.readouterr().out.splitlines() == said

@@ -30,7 +30,7 @@ def test_the_help_says_what_another_host_means(capsys):
 
 
 @pytest.mark.slow  # imports Gradio
-def test_a_port_that_is_taken_is_told():
+def test_a_port_that_is_taken_is_reported():
     if find_spec("gradio") is None:
         pytest.skip("gradio is not installed")
     with socket.socket() as taken:

@@ -78,7 +78,7 @@ def test_folders_are_methods_and_files_are_one(tmp_path, capsys):
     assert said.index("far") < said.index("near")
 
 
-def test_a_category_without_objects_is_told(tmp_path, capsys):
+def test_a_category_without_objects_is_reported(tmp_path, capsys):
     write_results(tmp_path / "ours", 2, 1, classes=(5, 6))
     main(["evaluate", str(tmp_path / "ours"), "--out", str(tmp_path / "out")])
     said = capsys.readouterr().out
@@ -125,7 +125,7 @@ def test_free_of_scale_distances_are_in_diagonals(tmp_path, capsys):
     assert table["mean"]["5°0.2d"] == table["mean"]["NIoU75"] == 100
 
 
-def test_other_poses_are_judged_on_the_same_boxes(tmp_path, capsys):
+def test_other_poses_are_evaluated_on_the_same_boxes(tmp_path, capsys):
     ours = np.tile(np.eye(4), (6, 1, 1))
     folder = write_results(tmp_path / "ours", 20, 1, pred_RTs_ours=ours)
     main(["evaluate", str(folder), "--out", str(tmp_path / "out"), "--poses", "pred_RTs_ours"])

@@ -85,7 +85,7 @@ def test_all_files_are_written_or_none(cutout: Path, tmp_path: Path, monkeypatch
     assert files(tmp_path) == []
 
 
-def test_the_command_that_is_told_is_one_that_can_be_given() -> None:
+def test_the_reported_command_can_be_run() -> None:
     words = ["my mug.png", "--category", "mug", "--box", "1", "2", "30.5", "40", "--json"]
     assert pose.command(pose.parser().parse_args(words)) == (
         "kfit pose 'my mug.png' --category mug --box 1 2 30.5 40 --json"

@@ -122,7 +122,7 @@ def test_a_users_mistake_gets_one_sentence_and_writes_nothing(
     assert not (tmp_path / "out").exists()
 
 
-def test_a_broken_clip_is_told_in_one_line(tmp_path: Path) -> None:
+def test_a_broken_clip_is_reported_in_one_line(tmp_path: Path) -> None:
     (tmp_path / "no.mp4").write_text("no clip")
     words = [sys.executable, "-m", "kfit", "video", str(tmp_path / "no.mp4"), "--category", "mug"]
     told = subprocess.run(words, capture_output=True, text=True, cwd=tmp_path)

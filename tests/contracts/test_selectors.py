@@ -97,7 +97,7 @@ class TestARotationVote:
         values = turned([90.0, 0.0, 180.0, 270.0, 45.0, 135.0])
         assert RotationVote()(self.energy, values, self.problem).tolist() == [0]
 
-    def test_a_symmetric_class_is_judged_by_its_axis_alone(self):
+    def test_a_symmetric_class_is_evaluated_by_its_axis_alone(self):
         # All azimuths differ; rows 1, 3 and 4 tip alike, which only the symmetric vote can see.
         values = turned([0.0, 60.0, 120.0, 180.0, 240.0, 300.0], [50.0, 2.0, 80.0, 0.0, 1.0, 70.0])
         assert RotationVote("y")(self.energy, values, self.problem).tolist() == [3]
@@ -125,5 +125,5 @@ class TestARotationVote:
             RotationVote(**settings)
 
     def test_refuses_a_symmetry_of_another_name_when_it_is_built(self):
-        with pytest.raises(ValueError, match="symmetry must be 'none' or 'y', got 'z'"):
+        with pytest.raises(ValueError, match="symmetry must be one of none, y, y2"):
             RotationVote("z")

@@ -26,7 +26,7 @@ def state(rows=4):
     return FitState(3, 9, problem, torch.arange(rows) % 2, raw, raw, energy, {"a": energy}, energy, raw, memory)
 
 
-def test_a_whole_observation_is_taken():
+def test_a_complete_observation_is_accepted():
     observation = Observation(**GOOD, keys=(4, 5))
     assert observation.num_problems == 2
     assert observation.field("depth") is GOOD["depth"]

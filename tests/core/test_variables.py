@@ -95,5 +95,5 @@ def test_angles_are_not_wrapped():
     assert Angle().to_value(torch.tensor(2.5)).item() == pytest.approx(2.5 * math.pi)
 
 
-def test_a_variable_is_a_real_number_unless_told_otherwise():
+def test_a_variable_is_a_real_number_by_default():
     assert Variable() == Variable((), Real())

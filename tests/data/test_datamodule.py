@@ -57,7 +57,7 @@ def test_batches_have_the_stated_names_shapes_and_ranges(module):
     assert 1.3 <= batch["distance"].min() <= batch["distance"].max() <= 8
 
 
-def test_an_epoch_shows_every_view_once_as_target_beside_another_view_of_its_object(module):
+def test_an_epoch_has_every_view_once_as_target_with_another_of_its_object(module):
     pairs = module.train_pairs
     targets = torch.arange(len(pairs))
     sources = pairs.sources(targets)

@@ -18,7 +18,8 @@ MODULES = [
     for name in [".".join(file.relative_to(ROOT).with_suffix("").parts)]
 ]
 # A fit makes them and hands them to parts: the examples of `Optimizer` and `FitResult` use them.
-RECEIVED = {"Evaluate", "Evaluation", "History", "Linearization"}
+RECEIVED = {"Evaluate", "Evaluation", "GradientEvaluation", "History", "Linearization"}
+RECEIVED |= {"PicturesEvaluation", "ResidualEvaluation"}
 ROOMS = [
     "kfit",
     "kfit.callbacks",

@@ -126,7 +126,7 @@ def test_another_backbone_a_small_picture_and_missing_heads_are_refused(torchvis
 
 
 @pytest.mark.skipif("KFIT_DEV_DATA" not in os.environ, reason="KFIT_DEV_DATA names no folder with weights/")
-def test_on_the_real_vgg16_a_face_moved_and_dimmed_looks_nearer_than_a_cat():
+def test_on_the_real_vgg16_a_face_moved_and_dimmed_is_nearer_than_a_cat():
     energy = LPIPS("vgg", str(Path(os.environ["KFIT_DEV_DATA"]) / "weights" / "vgg16_features.safetensors"))
     face, other = (torch.from_numpy(p).permute(2, 0, 1)[None] / 255 for p in (astronaut(), cat()))
     seen, moved, cats = face[..., 40:104, 180:244], 0.9 * face[..., 41:105, 181:245], other[..., 60:124, 120:184]

@@ -65,7 +65,7 @@ def test_a_layer_that_does_not_exist_is_refused_with_those_that_do():
         AlexNet((), "never read")
 
 
-def test_without_a_file_torchvisions_is_fetched_and_said_so(monkeypatch, tmp_path, caplog):
+def test_without_a_file_torchvisions_is_fetched_and_reported(monkeypatch, tmp_path, caplog):
     def load(url, **settings):
         assert url == "https://download.pytorch.org/models/alexnet-owt-7be5be79.pth"
         assert settings["check_hash"]

@@ -93,7 +93,7 @@ def test_a_file_that_is_missing_truncated_or_foreign_gets_one_sentence(tmp_path)
             VGG16(weights=str(tmp_path / name))
 
 
-def test_without_a_file_torchvisions_is_fetched_and_said_so(monkeypatch, tmp_path, caplog):
+def test_without_a_file_torchvisions_is_fetched_and_reported(monkeypatch, tmp_path, caplog):
     asked = []
 
     def load(url, **settings):

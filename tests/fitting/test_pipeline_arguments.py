@@ -37,7 +37,7 @@ class TestWeights:
         history = pipeline(energies=BOTH, weights={"mask": 0.25})(spots(), seed=0).history
         torch.testing.assert_close(history.energy, history.terms["image"] + 0.25 * history.terms["mask"])
 
-    def test_may_be_schedules_and_the_best_is_judged_by_the_last(self):
+    def test_may_be_schedules_and_the_best_is_evaluated_by_the_last(self):
         result = pipeline(energies=BOTH, weights={"image": Fade(0.0, 2.0), "mask": Fade(1.0, 0.5)})(spots(), seed=0)
         terms, step = result.history.terms, torch.arange(13.0, dtype=torch.float64)[:, None, None] / 12
         energy = 2 * step * terms["image"] + (1 - 0.5 * step) * terms["mask"]
@@ -97,7 +97,7 @@ class TestMistakes:
             ({"num_steps": -1}, r"num_steps must be at least 0"),
         ],
     )
-    def test_are_told_when_the_pipeline_is_built(self, changes, said):
+    def test_are_reported_when_the_pipeline_is_built(self, changes, said):
         with pytest.raises(ValueError, match=said):
             pipeline(**changes)
 

@@ -132,7 +132,7 @@ def test_another_file_gets_one_sentence(tmp_path):
         OnnxGenerator(write(tmp_path / "other.onnx", outputs=("color", "mask")))
 
 
-def test_angles_and_bounds_are_told_too(tmp_path):
+def test_angles_and_bounds_are_in_the_file_too(tmp_path):
     told = {
         "place": {"shape": [2], "space": "Bounded", "settings": {"low": -1.0, "high": 2.0}},
         "size": TOLD["size"] | {"space": "Angle"},

@@ -94,7 +94,7 @@ def test_a_similarity_is_that_of_the_similarity_warp():
     torch.testing.assert_close(ours.mask, theirs.mask, rtol=0, atol=1e-12)
 
 
-def test_corners_go_where_they_are_told():
+def test_corners_move_by_their_values():
     corners = rows(MOVED["homography"])["corners"]
     template = Template(picture())
     torch.testing.assert_close(template.corners(template.matrix(corners=corners)), corners)

@@ -38,7 +38,7 @@ def test_the_first_start_is_the_answer_and_the_others_spread_around_it() -> None
     torch.testing.assert_close(given["code"], torch.ones(8000, 3))
 
 
-def test_takes_over_only_what_it_is_told_to() -> None:
+def test_takes_over_only_the_named_variables() -> None:
     initializer = Previous(answer(), on=("azimuth",))
     assert initializer.on == ("azimuth",)
     assert set(starts(initializer)) == {"azimuth"}

@@ -163,7 +163,7 @@ def test_an_object_is_found_once_and_by_the_surest():
     assert scores.iou(0.25)[4] == pytest.approx(1)
 
 
-def test_other_poses_are_judged_on_the_detections():
+def test_other_poses_are_evaluated_on_the_detections():
     off = HERE.copy()
     off[:3, 3] *= 3
     result = one("laptop", [HERE], [HERE], [1.0])
@@ -232,7 +232,7 @@ def test_a_result_that_lacks_something_is_named(change, sentence):
         evaluate_nocs([one("mug", [HERE], [HERE], [1.0]) | change])
 
 
-def test_what_was_not_measured_is_not_told(scores):
+def test_what_was_not_measured_is_not_reported(scores):
     with pytest.raises(ValueError, match=r"degrees must hold 7\.5 for AP there"):
         scores.pose(7.5, 5)
     with pytest.raises(ValueError, match=r"ious must hold 0\.333"):

@@ -45,7 +45,7 @@ def test_a_few_steps_find_a_near_answer():
         torch.testing.assert_close(found.values[name], value, rtol=0, atol=2e-3)
 
 
-def test_a_step_looks_at_one_picture_for_each_number_and_one_more():
+def test_a_step_draws_one_picture_for_each_number_and_one_more():
     # Six steps of 1 + 4 pictures and the last look, for two problems.
     assert pipeline()(seen()[0], seed=0).num_evaluations == 2 * (6 * 5 + 1)
 

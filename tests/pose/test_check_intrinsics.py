@@ -36,12 +36,12 @@ def test_intrinsics_of_a_scaled_picture_are_doubted(times: float, size: str) -> 
     assert f"is the middle of a picture of {size} pixels" in doubts
 
 
-def test_a_principal_point_off_the_middle_is_told() -> None:
+def test_a_principal_point_off_the_middle_is_reported() -> None:
     notes, doubts = checked(590, 590, 60, 240)
     assert "far from the photo's middle" in notes
     assert doubts == ""
 
 
-def test_pixels_that_are_not_square_are_told() -> None:
+def test_pixels_that_are_not_square_are_reported() -> None:
     notes, _ = checked(800, 590, 320, 240)
     assert "the focal lengths differ" in notes

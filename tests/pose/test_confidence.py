@@ -77,7 +77,7 @@ def test_the_logistic_model_is_the_penalised_maximum_that_torch_finds() -> None:
     assert coefficients["x"] == pytest.approx(float(x[1].detach() / rows.std(0, correction=0)), rel=1e-3)
 
 
-def test_held_out_answers_are_right_as_often_as_is_said() -> None:
+def test_held_out_answers_are_right_as_often_as_predicted() -> None:
     told, right, chance = made_up(2000)
     checked = reliability(cross_validated(told, right), right)
     assert checked["calibration error"] < 0.03
@@ -142,7 +142,7 @@ def test_confidence_is_the_model_s_or_the_weight_and_then_says_so() -> None:
     assert note.startswith("confidence not calibrated for a fit in another way")
 
 
-def test_a_poor_drawing_is_told_where_the_fit_is_the_model_s_own() -> None:
+def test_a_poor_drawing_is_reported_where_the_fit_is_the_model_s_own() -> None:
     model = Calibration(1.0, {"energy": 1.0}, 2.0, FITS, 9)
     said, note = confidence(model, fit_of(), found(energy=2.5), None)
     assert said == 0.5  # and not the 0.52 of the model
@@ -247,7 +247,7 @@ def test_a_pose_has_calibrated_confidence_in_the_model_s_own_fit_alone(tiny_mode
     assert any("in another way" in note for note in other.notes)
 
 
-def test_a_mask_at_the_border_is_told_and_one_inside_is_not() -> None:
+def test_a_mask_at_the_border_is_reported_and_one_inside_is_not() -> None:
     mask = np.zeros((20, 30))
     mask[5:10, 5:10] = 1
     assert cut_off(mask) is None
@@ -257,7 +257,7 @@ def test_a_mask_at_the_border_is_told_and_one_inside_is_not() -> None:
     assert "(left, right, top and bottom)" in str(cut_off(mask))
 
 
-def test_an_object_of_fewer_pixels_than_its_drawing_is_told() -> None:
+def test_an_object_of_fewer_pixels_than_its_drawing_is_reported() -> None:
     mask = np.zeros((200, 200))
     mask[50:80, 50:99] = 1  # 49 · 1.3 = 63.7
     assert "the longer side of its box has 49 pixels, and the drawing that is fitted to it 49" in str(

@@ -7,11 +7,13 @@ import torch
 import yaml
 
 from kfit.bench.held_out_views import held_out_views
+from kfit.features import PoseRefiner
 from kfit.initializers import EncoderPosterior
 from kfit.models import load
-from kfit.optimizers import Adam
+from kfit.optimizers import Adam, LearnedSteps
 from kfit.pose.fit_recipe import fit_of
 
+LEARNED = Path(__file__).parents[2] / "recipes/fit_learned.yaml"
 RELEASED = Path(__file__).parents[2] / "recipes/fit_released.yaml"
 NETWORK = "--energies.perceptual.init_args.network"
 OFFLINE = [NETWORK, "kfit.features.EfficientNetLite0"]
@@ -24,12 +26,12 @@ def test_the_released_fit_has_the_released_numbers():
     assert isinstance(fit.optimizer, Adam)
     assert (fit.optimizer.betas, fit.optimizer.decay) == ((0.5, 0.999), 1.0)
     assert fit.optimizer.rates["code"] == 0.3
-    assert fit.callbacks == []
+    assert fit.callbacks == ()
     assert isinstance(fit.initializers[-1], EncoderPosterior)
 
 
 @pytest.mark.parametrize(("category", "symmetry"), [("laptop", "none"), ("can", "y")])
-def test_the_selector_is_told_the_symmetry(category, symmetry):
+def test_the_selector_gets_the_symmetry(category, symmetry):
     assert fit_of(RELEASED, load(category), OFFLINE).selector.symmetry == symmetry
 
 
@@ -38,6 +40,17 @@ def test_it_fits():
     fit = fit_of(RELEASED, model, [*OFFLINE, "--num_starts", "2", "--num_steps", "1"])
     result = fit(held_out_views(model, 1).observation, seed=0)
     assert result.num_evaluations == 4
+    assert torch.isfinite(result.energy).all()
+
+
+def test_learned_steps_come_before_a_descent(tmp_path, monkeypatch):
+    model = load("can")
+    monkeypatch.chdir(tmp_path)
+    torch.save({"state_dict": PoseRefiner(None).state_dict()}, "refiner.ckpt")
+    fit = fit_of(LEARNED, model, ["--num_starts", "2", "--num_steps", "4"])
+    assert [(type(optimizer), steps) for optimizer, steps in fit.optimizer.stages] == [(LearnedSteps, 3), (Adam, 13)]
+    assert fit.rank_weights["score"] == 1
+    result = fit(held_out_views(model, 1).observation, seed=0)
     assert torch.isfinite(result.energy).all()
 
 

@@ -41,7 +41,7 @@ HIDDEN = ended([60, 88, 121, 236, 117], [0.60, 0.605, 0.61, 0.62, 0.62])
 SHOWN = ended([60, 62, 57, 61, 236], [0.60, 0.605, 0.61, 0.62, 0.98])
 
 
-def test_a_handle_that_is_hidden_is_said_to_be() -> None:
+def test_a_hidden_handle_is_reported() -> None:
     said = ambiguity_warning(found(HIDDEN), None, "none")
     assert said is not None
     assert said.startswith("ambiguous: the answer has ")

@@ -48,7 +48,7 @@ def test_the_mean_size_is_in_range_and_four_times_it_is_not(category) -> None:
     assert wrong_size(category, 4 * category.mean_diagonal) is not None
 
 
-def test_outliers_are_unknown_and_told() -> None:
+def test_outliers_are_unknown_and_reported() -> None:
     depth = DEPTH.copy()
     rng = np.random.default_rng(1)
     wild = (rng.random(depth.shape) < 0.2) & (MASK > 0)

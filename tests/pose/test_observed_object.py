@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import torch
 
+from kfit.geometry import CATEGORIES
 from kfit.pose.observed_object import ObservedObject
 
 PHOTO = np.random.default_rng(0).random((120, 160, 3), np.float32)
@@ -14,7 +15,7 @@ DEPTH = np.full(MASK.shape, 0.7, np.float32)
 
 
 def seen(mask=MASK, **given):
-    return ObservedObject.of(PHOTO, "mug", 32, mask, **{"intrinsics": CAMERA, **given})
+    return ObservedObject.of(PHOTO, CATEGORIES["mug"], 32, mask, **{"intrinsics": CAMERA, **given})
 
 
 def test_a_stray_pixel_changes_nothing_but_the_notes():
@@ -61,3 +62,37 @@ def test_depths_far_in_front_of_the_others_are_left_out():
     found = seen(depth=depth)
     assert not found.doubtful
     assert "are taken for unknown" in found.notes[0]
+
+
+def ignored():
+    hidden = np.zeros(MASK.shape, np.float32)
+    hidden[40:80, 70:120] = 1
+    return hidden
+
+
+def test_ignored_pixels_are_no_object_and_have_no_weight():
+    found = seen(ignore=ignored())
+    assert found.crop == seen(MASK * (1 - ignored())).crop
+    weight, mask = found.observation.field("weight"), found.observation.field("mask")
+    assert set(weight.unique().tolist()) == {0.0, 1.0}
+    assert float(mask[weight == 0].max()) < 0.3
+    outside = found.crop.image_to_crop @ torch.tensor([40.0, 60.0, 1.0], dtype=torch.float64)
+    x, y = outside[:2].round().long().clamp(0, 31)
+    assert weight[0, 0, y, x] == 1
+
+
+def test_nothing_ignored_is_no_weight():
+    assert seen(ignore=0 * MASK).observation.weight is None
+
+
+@pytest.mark.parametrize(
+    ("ignore", "message"),
+    [
+        (MASK, "ignore covers all of the object: nothing is left to fit"),
+        (MASK[1:], r"ignore must have the photo's shape \(120, 160\), got \(119, 160\)"),
+        (np.array([["a"]]), "ignore must be an array of numbers"),
+    ],
+)
+def test_what_ignores_all_or_has_another_shape_is_refused(ignore, message):
+    with pytest.raises(ValueError, match=message):
+        seen(ignore=ignore)

@@ -7,7 +7,7 @@ import torch
 from kfit.core import Observation, frozen
 from kfit.energies import PosePrior
 from kfit.generators import PoseHead
-from kfit.geometry.pose_network import with_prediction
+from kfit.geometry.pose_network import PoseNetwork, with_prediction
 from kfit.initializers import PosePosterior
 from kfit.pose import CategoryModel
 from kfit.pose.observed_object import ObservedObject
@@ -76,3 +76,18 @@ def test_predictions_follow_the_problems_that_they_are_of(model):
     assert observation.map(torch.Tensor.double).predictions[name].dtype == torch.float64
     with pytest.raises(ValueError, match="predictions: wrong must lead with the 1 problems, got 2"):
         Observation(torch.rand(1, 3, 8, 8), predictions={"wrong": found})
+
+
+def test_a_head_without_weights_is_told_from_others_too():
+    class Even(PoseNetwork):
+        def __init__(self):
+            bins = torch.linspace(-1.0, 1.0, 3)
+            super().__init__(torch.zeros(1), bins, bins, "none", 0.1)
+
+        def forward(self, image):
+            return torch.zeros(len(image), 9).log_softmax(1)
+
+    head, observation = Even(), Observation(torch.rand(1, 3, 8, 8))
+    other = Even()
+    assert head.prediction_name == frozen(head).prediction_name != other.prediction_name
+    assert PosePosterior(head)({}, with_prediction(observation, head), 2, [])["azimuth"].shape == (2,)

@@ -52,6 +52,6 @@ def test_a_path_is_a_model_file(tiny_model: CategoryModel, tmp_path: Path) -> No
         tiny_model.pose(IMAGE, segmenter=tmp_path / "none.onnx")
 
 
-def test_a_segmenter_beside_a_mask_is_refused(tiny_model: CategoryModel) -> None:
+def test_a_segmenter_with_a_mask_is_refused(tiny_model: CategoryModel) -> None:
     with pytest.raises(ValueError, match="mask and segmenter were both given"):
         tiny_model.pose(IMAGE, mask=np.ones((60, 80)), segmenter=Told())

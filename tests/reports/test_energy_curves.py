@@ -67,7 +67,7 @@ def test_a_start_that_was_given_up_at_once_has_a_mark() -> None:
     assert "1 were given up" in svg
 
 
-def test_the_plot_has_the_pages_colours_and_can_be_told_apart_from_another() -> None:
+def test_the_plot_has_the_pages_colours_and_differs_from_another() -> None:
     svg, _ = energy_curves(pruned(), STEPS)
     assert not re.search(r"#0[0-9a]0[0-9a]0[0-9a]\b", svg)
     assert not re.search(r'id="\w+_\d+"', svg)

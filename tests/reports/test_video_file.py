@@ -24,6 +24,6 @@ def test_pictures_come_back_from_the_file_in_their_colours_and_order(tmp_path, c
     assert not read.read()[0]
 
 
-def test_a_place_that_cannot_be_written_to_is_said(tmp_path):
+def test_a_place_that_cannot_be_written_to_is_reported(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"no/video\.webm"), VideoFile(tmp_path / "no/video.webm", 25) as v:
         v.write(np.zeros((48, 64, 3), np.uint8))

@@ -25,7 +25,8 @@ ASIDE = {
     "Alternative", "Card", "Category", "Detections", "Evaluation", "FitError", "FitResult", "FitState", "TrackedPose",
     "Tracker", "Frame", "History", "MaskRCNN", "Mesh", "NOCSFrame", "NOCSFrames", "NOCSObject", "NOCSPrediction",
     "NOCSScores", "Observation", "OnnxGenerator", "OnnxNetwork", "Photo", "PoseResult", "Rendering", "SalientObject",
-    "Segment", "View", "ViewPairs", "Views", "YoloSeg", "CategoryModel", "Evaluate", "Linearization",
+    "Segment", "View", "ViewPairs", "Views", "YoloSeg", "CategoryModel", "Evaluate", "Linearization", "PoseUpdate",
+    "PicturesEvaluation",
 }  # fmt: skip
 EYES, ONES, MANY = torch.eye(3).repeat(2, 1, 1), torch.ones(2), np.eye(20, 3)
 
@@ -33,7 +34,7 @@ EYES, ONES, MANY = torch.eye(3).repeat(2, 1, 1), torch.ones(2), np.eye(20, 3)
 def tiny():
     """Networks that are built in no time."""
     from kfit.baselines import CoordinateRegressor, OrientationRegressor
-    from kfit.features import EfficientNetLite0
+    from kfit.features import EfficientNetLite0, PoseRefiner
     from kfit.generators import VAE3D, ConvEncoder, ExtentsHead, RotationHead
 
     return {
@@ -44,6 +45,7 @@ def tiny():
         "regressor": CoordinateRegressor(channels=(4, 4), num_bins=2),
         "orientation": OrientationRegressor(hidden_dim=4, image_size=32),
         "features": EfficientNetLite0((0,)),
+        "refiner": PoseRefiner(None, (4, 4), 4, 8),
     }
 
 
@@ -83,6 +85,8 @@ def arguments() -> dict[str, dict]:
         },
         "FromDepth": {"generator": small["generator"], "initializers": []},
         "GaussNewton": {"lengths": {"code": 1.0}},
+        "LearnedScore": {"refiner": small["refiner"]},
+        "LearnedSteps": {"refiner": small["refiner"]},
         "LensPrior": {"diagonal": 0.2, "unit_fraction": 1.0},
         "Light": {"ambient": np.ones(3), "directions": np.zeros((0, 3)), "colors": np.zeros((0, 3))},
         "Linear": {"start": 1.0, "end": 0.0},
@@ -100,11 +104,13 @@ def arguments() -> dict[str, dict]:
         "OrientationTraining": {"regressor": small["orientation"]},
         "Perceptual": {"network": small["features"]},
         "PoseHead": {"channels": (4, 4), "hidden_dim": 4, "bin_deg": 45.0, **side},
+        "PoseRefiner": {"channels": (4, 4), "hidden_dim": 4, "image_size": 8, "weights": None},
         "PosePosterior": {"head": small["head"]},
         "PosePrior": {"head": small["head"]},
         "PoseTraining": {"pose_head": small["head"]},
         "Previous": {"result": result()},
         "RandomCrop": {},
+        "RefinerTraining": {"refiner": small["refiner"], "networks": dict.get},
         "RotationHead": {"channels": (4, 4), "hidden_dim": 4, "bin_deg": 45.0, **side},
         "Pruning": {"keep": {1: 2}},
         "Pyramid": {"energy": L1()},

@@ -161,13 +161,13 @@ def test_a_place_that_cannot_be_is_named_and_nothing_else_is_written(tmp_path: P
     assert sorted(path.name for path in tmp_path.rglob("*")) == ["a", "b", "file", "folder"]
 
 
-def test_an_error_of_what_is_read_meanwhile_is_told_as_it_is(tmp_path: Path) -> None:
+def test_an_error_of_what_is_read_meanwhile_is_reported_as_it_is(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError, match=r"'none'$"):
         atomic_write(tmp_path, {"a": lambda path: path.write_text(Path("none").read_text())})
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full")
-def test_an_answer_that_cannot_be_told_is_an_error(
+def test_an_answer_that_cannot_be_reported_is_an_error(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with open("/dev/full", "w") as full:
@@ -179,7 +179,7 @@ def test_an_answer_that_cannot_be_told_is_an_error(
         assert capsys.readouterr().err in {f"kfit: {FULL}'standard output'\n", f"kfit: {FULL.removesuffix(': ')}\n"}
 
 
-def test_a_mistake_that_cannot_be_told_ends_alike(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_mistake_that_cannot_be_reported_ends_alike(monkeypatch: pytest.MonkeyPatch) -> None:
     class Full(io.StringIO):
         def write(self, text: str) -> int:
             raise OSError(28, "No space left on device")

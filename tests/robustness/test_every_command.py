@@ -20,6 +20,7 @@ import kfit.models
 from kfit.bench.command import BENCHMARKS
 from kfit.cli import main as command_line
 from kfit.cli.main import COMMANDS, main
+from kfit.cli.pose_arguments import _number
 from kfit.fitting.pipeline import FitPipeline
 
 ROOT = Path(__file__).parents[2]
@@ -84,6 +85,7 @@ def words_for(action: argparse.Action) -> st.SearchStrategy[str] | None:
     return {
         int: LETTERS | strange | st.sampled_from(["1.5", ".nan", ".inf", "1e3", str(10**30), str(-(10**30))]),
         float: LETTERS | strange | st.sampled_from(["nan", ".nan", ".inf", "-.inf", "1e400"]),
+        _number: LETTERS | strange | st.sampled_from(["nan", ".nan", ".inf", "-.inf", "1e400"]),
         bool: LETTERS | st.sampled_from(["", "null", "2", "[true]"]),
         list[str]: LETTERS | st.sampled_from(["", "null", "1", "{a: 1}", "[[]]", "[1]", "[mug,"]),
     }.get(kind(action))
@@ -182,7 +184,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
         shutil.copy(folder / "photo.png", folder / f"frames/{number}.png")
     shutil.copy(Path(kfit.models.__file__).parent / "bundled/bowl.safetensors", folder / "own.safetensors")
     (folder / "cut.safetensors").write_bytes((folder / "own.safetensors").read_bytes()[:5000])
-    for end in ("", ".onnx", ".yaml", ".npy", ".ckpt", ".pkl", ".safetensors", ".pth", ".mp4"):
+    for end in ("", ".onnx", ".yaml", ".npy", ".ckpt", ".pkl", ".safetensors", ".pth", ".mp4", ".json"):
         (folder / f"garbage{end}").write_bytes(b"garb\0age")
     os.mkfifo(folder / "pipe")
     return folder
@@ -194,6 +196,8 @@ READ = {
     "pose --mask": (["{}/photo.png", "--category", "mug"], ""),
     "pose --segmenter": (["{}/photo.png", "--category", "mug"], ".onnx"),
     "pose --depth": (["{}/photo.png", "--category", "mug", "--mask", "{}/mask.png"], ".npy"),
+    "pose --relative-poses": (["{}/photo.png", "{}/mask.png", "--category", "mug"], ".json"),
+    "pose --ignore": (["{}/photo.png", "--category", "mug", "--mask", "{}/mask.png"], ""),
     "pose --model": (["{}/photo.png", "--mask", "{}/mask.png"], ".safetensors"),
     "pose --fit": (["{}/photo.png", "--category", "mug", "--mask", "{}/mask.png"], ".yaml"),
     "video frames": (["--category", "mug", "--mask", "{}/mask.png"], ".mp4"),
@@ -205,6 +209,7 @@ READ = {
     "export model": (["--out", "o"], ".safetensors"),
     "bench accuracy --model": ([], ".safetensors"),
     "bench accuracy --nocs": (["--categories", "[mug]", "--views", "0"], ""),
+    "bench minimum --model": ([], ".safetensors"),
     "bench paper --vgg16": ([], ".pth"),
     "bench speed --model": (["--recipe", str(ROOT / "recipes/fit_released.yaml")], ".safetensors"),
     "bench speed --recipe": (["--model", "{}/own.safetensors"], ".yaml"),
@@ -217,7 +222,7 @@ READ = {
 }
 
 
-QUICK = ("pose photo", "pose --mask", "pose --depth", "video frames", "calibrate --model")
+QUICK = ("pose photo", "pose --mask", "pose --depth", "pose --relative-poses", "video frames", "calibrate --model")
 
 
 @pytest.mark.parametrize(
@@ -245,6 +250,7 @@ RANGES = {
     "bench energies": ["--views=-1", "--scan-views=0", "--starts=0", "--steps=-1", "--categories=[]"],
     "bench dataset": ["--objects=0", "--batch-size=0"],
     "bench following": ["--clips=0", "--frames=1", "--every=0", "--categories=[]", "--categories=[mug,nope]"],
+    "bench minimum": ["--views=0", "--off=-1", "--off=181", "--seed=-1", "--categories=[]"],
     "bench optimizers": ["--problems=0", "--starts=0", "--budget=0"],
     "bench registration": ["--size=0", "--size=65", "--noise=-1", "--noise=1e30", "--draws=0", "--pictures=[nope]"],
     "bench paper": ["--tables=[nope]", "--categories=[]", "--train-steps=1", "--objects=0", "--views=0", "--starts=0"],
@@ -292,7 +298,7 @@ TREES = {
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:LightningCLI's args parameter")
 @pytest.mark.parametrize("word", TREES)
-def test_a_training_s_mistakes_are_told_in_one_sentence(
+def test_a_training_s_mistakes_are_reported_in_one_sentence(
     word: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr("sys.argv", ["kfit"])

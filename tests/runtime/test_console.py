@@ -97,7 +97,7 @@ def test_quiet_is_quiet_before_and_behind_the_command(words, command, capsys):
     assert capsys.readouterr() == ("answer\n", "")
 
 
-def test_errors_are_told_also_quietly(command, capsys):
+def test_errors_are_reported_also_quietly(command, capsys):
     command(raising(ValueError("wrong")))
     assert ended(["-q", "info"]) == 2
     assert capsys.readouterr().err == "kfit: wrong\n"

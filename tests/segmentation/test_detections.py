@@ -14,7 +14,7 @@ def detections(names: list[str], scores: list[float]) -> Detections:
     return Detections((40, 60), BOXES[:count], np.array(scores), names, masks, BOXES[:count])
 
 
-def test_without_a_box_the_surest_of_the_category_is_taken_and_the_others_are_told() -> None:
+def test_without_a_box_the_best_of_the_category_is_used_and_others_are_reported() -> None:
     found = detections(["cup", "coffee_cup", "bowl"], [0.6, 0.8, 0.9])
     assert isinstance(found, Segmenter)
     assert found.categories == ["mug", "mug", "bowl"]
@@ -48,7 +48,7 @@ def test_in_a_box_the_best_fit_is_taken_whatever_its_class_and_score() -> None:
         (["cup"], "mug", (70, 15, 20, 20), "lies outside the picture of 60 x 40 pixels"),
     ],
 )
-def test_what_is_not_found_is_said_in_a_sentence(
+def test_what_is_not_found_is_reported_in_a_sentence(
     names: list[str], category: str, box: tuple[float, float, float, float] | None, sentence: str
 ) -> None:
     with pytest.raises(ValueError, match=sentence):

@@ -11,7 +11,7 @@ HEAD = b"\x00\x00\x00\x1cftyp%s\x00\x00\x00\x00mif1heic"
 
 
 @pytest.mark.parametrize(("brand", "heif"), [(b"heic", True), (b"mif1", True), (b"avif", False), (b"isom", False)])
-def test_heif_is_told_by_its_brand_whatever_its_name(tmp_path: Path, brand: bytes, heif: bool) -> None:
+def test_heif_is_recognised_by_its_brand_whatever_its_name(tmp_path: Path, brand: bytes, heif: bool) -> None:
     file = tmp_path / "photo.jpg"
     file.write_bytes(HEAD % brand)
     assert is_heif(file) is heif

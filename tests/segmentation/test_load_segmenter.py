@@ -9,7 +9,7 @@ from kfit.segmentation import MaskRCNN, OnnxNetwork, SalientObject, YoloSeg, loa
 ONES = np.ones((1, 1000), np.float32)
 
 
-def test_each_layout_is_told_by_its_shapes_whatever_the_names(tmp_path: Path) -> None:
+def test_each_layout_is_recognised_by_its_shapes_whatever_the_names(tmp_path: Path) -> None:
     assert isinstance(load_segmenter(yolo(tmp_path / "a.onnx")), YoloSeg)
     assert isinstance(load_segmenter(mask_rcnn(tmp_path / "b.onnx")), MaskRCNN)
     assert isinstance(load_segmenter(str(is_net(tmp_path / "c.onnx"))), SalientObject)

@@ -50,7 +50,7 @@ def test_the_zoos_picture_is_bgr_less_its_mean_with_a_margin_of_zero(
     np.testing.assert_allclose(seen[0][373, 480], disc, atol=1e-3)
 
 
-def test_labels_are_told_by_the_file_where_it_tells_them(tmp_path: Path) -> None:
+def test_labels_come_from_the_file_if_it_has_them(tmp_path: Path) -> None:
     detector = load_segmenter(mask_rcnn(tmp_path / "a.onnx", names="{47: 'bowl'}"))
     assert isinstance(detector, MaskRCNN)
     assert detector.detect(scene()[0]).names == ["bowl", "class 44"]

@@ -24,7 +24,7 @@ def test_what_stands_out_in_the_box_is_found(tmp_path: Path) -> None:
     np.testing.assert_array_equal(half.mask[:, 50:90], disc[:, 50:90])
 
 
-def test_specks_beside_the_object_are_left_out(tmp_path: Path) -> None:
+def test_specks_outside_of_the_object_are_dropped(tmp_path: Path) -> None:
     image, disc = scene()
     image[104:107, 124:128] = (0.1, 0.2, 0.8)
     found = load_segmenter(is_net(tmp_path / "a.onnx"))(image, "mug", (50, 30, 80, 80))

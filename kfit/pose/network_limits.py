@@ -1,4 +1,4 @@
-"""How large a network of kfit's a stranger's file may ask for; whoever builds one in code is free."""
+"""Limits on the size of a network that is read from an untrusted file; networks built in code have no limit."""
 
 from __future__ import annotations
 
