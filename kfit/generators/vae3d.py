@@ -109,8 +109,10 @@ class VAE3D(Generator):
         # The rotation is computed without autocast: in bfloat16 it is off by up to 0.14 voxel, and the gradient of the
         # angles loses its direction.
         with torch.autocast(volume.device.type, enabled=False):
+            single = torch.promote_types(azimuth.dtype, torch.float32)
+            azimuth, elevation = azimuth.to(single), elevation.to(single)
             turned = turn_volume(volume, rotation_from_angles(azimuth, elevation, torch.zeros_like(azimuth)))
-        picture = F.leaky_relu(self.project(turned.flatten(1, 2)), 0.2)
+        picture = F.leaky_relu(self.project(turned.flatten(1, 2).to(self.project.weight.dtype)), 0.2)
         for index, decode in enumerate(self.decode, 1 + len(self.lift)):
             picture = F.leaky_relu(self.styles[index](decode(picture), styles[index]), 0.2)
         channels = self.draw(picture)

@@ -164,8 +164,8 @@ class ConditionalVAE(Training):
             terms["extents"] = F.l1_loss(self.extents(self.encoder(batch["source"])[0]), batch["extents"])
         size = len(batch["target"])
         with torch.autocast(self.device.type, enabled=False):  # in halves, SSIM's variances would be noise
-            away = F.l1_loss(drawn.image.float(), batch["target"])
-            alike = structural_similarity_index_measure(drawn.image.float(), batch["target"], data_range=1.0)
+            away = F.l1_loss(drawn.image.float(), batch["target"].float())
+            alike = structural_similarity_index_measure(drawn.image.float(), batch["target"].float(), data_range=1.0)
             terms["ssim"] = torch.as_tensor(alike)
             if drawn.mask is not None:
                 mask, true = ((mask > 0.5).long()[:, 0] for mask in (drawn.mask, batch["target_mask"]))
