@@ -150,7 +150,7 @@ def test_the_next_step_continues_from_where_the_refiner_led(logged):
     assert {"train/tilt", "train/turn", "train/shift", "train/scale", "train/right"} <= set(logged)
 
 
-def test_validation_shows_the_same_hypotheses_each_time_and_leaves_random_numbers_alone(logged):
+def test_validation_shows_the_same_hypotheses_and_leaves_random_numbers_alone(logged):
     module, given = build().eval(), batch(rows=16)
     state = torch.get_rng_state()
     with torch.no_grad():
