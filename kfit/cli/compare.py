@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from jsonargparse import ArgumentParser, Namespace
 
 from kfit.runtime.console import log, table_console
+
+if TYPE_CHECKING:
+    from rich.table import Column
+
+    from kfit.reports.training_runs import TrainingRun
 
 
 def parser() -> ArgumentParser:
@@ -34,14 +40,13 @@ def run(args: Namespace) -> None:
     from kfit.runtime.atomic_write import atomic_write
 
     runs = [TrainingRun.of(folder) for folder in dict.fromkeys(args.folders)]
-    header = [Column(run.name, overflow="fold") for run in runs]
     console = table_console(60 + 30 * len(runs))
     if len(runs) > 1:
-        recipes = Table(Column("recipe", overflow="fold"), *header, title="Where the recipes differ")
+        recipes = Table(Column("recipe", overflow="fold"), *_columns(runs), title="Where the recipes differ")
         for name, values in differences(runs).items():
             recipes.add_row(name, *(_spelled(value) for value in values))
         console.print(recipes) if recipes.row_count else print("The recipes do not differ.")
-    results = Table("measure", *header, title="Last (best)")
+    results = Table("measure", *_columns(runs), title="Last (best)")
     for name in measures(runs):
         results.add_row(name, *(_pair(run.last(name), run.best(name)) for run in runs))
     console.print(results) if results.row_count else print("Nothing was measured on held-out views.")
@@ -50,6 +55,13 @@ def run(args: Namespace) -> None:
         kind = curves.suffix[1:].lower()
         (path,) = atomic_write(curves.parent, {curves.name: partial(figure.savefig, format=kind, dpi=120)})
         log.info("wrote %s", path)
+
+
+def _columns(runs: Sequence[TrainingRun]) -> list[Column]:
+    """Columns of one table; rich keeps a table's cells in them."""
+    from rich.table import Column
+
+    return [Column(run.name, overflow="fold") for run in runs]
 
 
 def _pair(last: float | None, best: float | None) -> str:

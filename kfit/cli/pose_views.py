@@ -34,6 +34,8 @@ def read_poses(path: str, count: int) -> NDArray[np.float64]:
 
     from kfit.pose.views import check_relative_poses
 
+    if not Path(path).is_file():
+        raise ValueError(f"--relative-poses must name a file, but {path} is none")
     if (size := Path(path).stat().st_size) > LARGEST:
         raise ValueError(f"--relative-poses {path} has {size:,} bytes, more than {LARGEST:,}")
     try:

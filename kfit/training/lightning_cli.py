@@ -133,6 +133,7 @@ class _CLI(LightningCLI):
         run = run_of(checkpoint) if self.subcommand == "fit" else None
         if run is None:
             return CSVLogger(root)
+        warnings.filterwarnings("ignore", message="Checkpoint directory .* exists and is not empty")
         try:
             step = int(read_torch(Path(str(checkpoint)))["global_step"])
         except (ValueError, KeyError, TypeError):  # Lightning itself says what is wrong with it

@@ -81,7 +81,7 @@ def test_a_plateau_s_scheduler_watches_its_measure(trainers):
 @pytest.mark.slow
 def test_lightning_s_finders_of_rate_and_batch_size_run(trainers):
     train("--trainer.callbacks+=LearningRateFinder", "--trainer.callbacks.attr_name", "rate",
-          "--trainer.callbacks.num_training_steps", 5)  # fmt: skip
+          "--trainer.callbacks.num_training_steps", 20, "--data.num_objects", 12)  # fmt: skip
     assert trainers[0].lightning_module.rate != 2e-3
     train("--trainer.callbacks+=BatchSizeFinder", "--trainer.callbacks.max_trials", 1,
           "--trainer.callbacks.steps_per_trial", 1)  # fmt: skip
