@@ -8,7 +8,7 @@ from typing import Any
 
 from safetensors.torch import load, save
 
-from kfit.models.files import METADATA, read_card
+from kfit.pose.model_files import METADATA, read_card
 
 
 def put_card(path: Path, card: str | dict[str, Any], source: Path | None = None) -> None:

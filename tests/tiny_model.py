@@ -8,6 +8,7 @@ import pytest
 import torch
 
 from kfit.generators import VAE3D, ConvEncoder, ExtentsHead
+from kfit.geometry import CATEGORIES
 from kfit.models import write_model
 from kfit.pose import Card, CategoryModel
 
@@ -22,7 +23,8 @@ TINY = {
 
 
 def tiny_card(category: str = "mug") -> Card:
-    return Card(category, TINY, 4.0, 1.0, (-15.0, 75.0), "y up", "none", 0.17)
+    known = Card.fields_of(CATEGORIES[category])
+    return Card(category, TINY, 4.0, **known | {"unit_fraction": 1.0})
 
 
 @pytest.fixture

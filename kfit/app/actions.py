@@ -35,8 +35,8 @@ class Actions:
     """Answers what visitors do, each by the changes of the page's parts.
 
     Args:
-        parts: of the page.
-        sessions: of all visitors.
+        parts: parts of the page.
+        sessions: sessions of all visitors.
     """
 
     def __init__(self, parts: Layout, sessions: Sessions) -> None:
@@ -71,8 +71,10 @@ class Actions:
         return {self.parts.token: token, **self._shown(self.sessions.of(token), FOUND)}
 
     def leave(self, request: gr.Request) -> None:
-        """Forget a visit soon whose page was closed."""
-        self.sessions.leave(self.pages.pop(request.session_hash or "", ""))
+        """Forget a visit soon whose page was closed, unless another page, such as the reloaded one, goes on with it."""
+        token = self.pages.pop(request.session_hash or "", "")
+        if token not in self.pages.values():
+            self.sessions.leave(token)
 
     def take(self, token: str, file: str) -> Changes:
         """Take a photo."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 
 import gradio as gr
@@ -19,9 +20,13 @@ this machine.</p></div>"""
 
 
 class Layout:
-    """All parts of the page, made within Gradio's Blocks."""
+    """All parts of the page, made within Gradio's Blocks.
 
-    def __init__(self) -> None:
+    Args:
+        categories: categories that are served in addition to the bundled models'.
+    """
+
+    def __init__(self, categories: Iterable[str] = ()) -> None:
         plain = {"elem_classes": ["kfit-plain"]}
         self.token = gr.Textbox(visible="hidden", label="visit")
         gr.HTML(HEAD, **plain)
@@ -48,7 +53,7 @@ class Layout:
                     self.other = gr.Button("Another photo", size="sm", min_width=120)
                     self.mask = gr.UploadButton("Upload a mask", file_types=ENDINGS, size="sm", min_width=120)
             with gr.Column(min_width=300, visible=False) as self.right:
-                self.category = gr.Radio(bundled(), label="What is it?")
+                self.category = gr.Radio(list(dict.fromkeys([*bundled(), *categories])), label="What is it?")
                 with gr.Accordion("Camera and depth, if you know them", open=False):
                     self.camera = gr.Textbox(
                         label="Intrinsics in pixels: fx fy cx cy", placeholder="by EXIF tags, else estimated"

@@ -15,7 +15,7 @@ from kfit.app.sessions import Sessions
 def page(sessions: Sessions) -> gr.Blocks:
     """The page, ready to be launched."""
     with gr.Blocks(title="kfit: fit a picture", analytics_enabled=False, delete_cache=(600, 3600)) as blocks:
-        connect(Actions(Layout(), sessions), blocks)
+        connect(Actions(Layout(sessions.models), sessions), blocks)
     blocks.queue(max_size=3 * MOST)
     return blocks
 

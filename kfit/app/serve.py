@@ -8,7 +8,7 @@ import signal
 import socket
 import sys
 import webbrowser
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory, gettempdir
 from threading import Event
@@ -17,6 +17,7 @@ from typing import Any
 from kfit.app.sessions import Sessions
 from kfit.app.uploads import LARGEST_FILE
 from kfit.core.check import check_count
+from kfit.models import read_card
 from kfit.runtime.browser import has_screen
 
 LOOPBACK = ("127.0.0.1", "localhost")
@@ -59,12 +60,13 @@ class OnlySelf:
         await self.app(scope, receive, with_policy if scope["type"] == "http" else send)
 
 
-def serve(host: str, port: int | None) -> None:
+def serve(host: str, port: int | None, models: Sequence[str] = ()) -> None:
     """Serve the page until Ctrl-C; all uploads are then deleted.
 
     Args:
         host: address to listen at.
         port: by default the first free one from 7860 on.
+        models: paths of models, each instead of the bundled one of its category.
 
     Raises:
         ImportError: where Gradio is not installed.
@@ -74,6 +76,7 @@ def serve(host: str, port: int | None) -> None:
     if port is not None:
         check_count("--port", port, 1, 65535)
     _check_host(host)
+    known = {read_card(path).category: path for path in models}
     os.environ.update(SWITCHES)
     remove_left(Path(gettempdir()))
     with TemporaryDirectory(prefix=f"{PREFIX}{os.getpid()}-") as folder:
@@ -91,7 +94,7 @@ def serve(host: str, port: int | None) -> None:
         middleware = [Middleware(OnlySelf)]
         if host in LOOPBACK:  # names that others direct to this address are not names of this machine
             middleware.append(Middleware(TrustedHostMiddleware, allowed_hosts=list(LOOPBACK)))
-        blocks = page(Sessions(Path(folder)))
+        blocks = page(Sessions(Path(folder), known))
         try:
             _, address, _ = blocks.launch(
                 server_name=host,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
 from pathlib import Path
@@ -32,18 +32,19 @@ class Session:
 
     Args:
         folder: Folder that only this session uses; `close` deletes it.
+        models: Paths of models by the category that they serve, instead of a bundled one.
 
     Attributes:
         photo: the picture.
-        targets: what was found in it.
+        targets: objects that were found in it.
         target: the object to fit: found, drawn or selected by a mask.
-        category: that is likely, or was chosen last.
+        category: likely category, or the one chosen last.
         depth: (H, W) in metres, where it was handed in.
         busy: whether a fit of it waits or runs, so that it makes room for no other.
     """
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
+    def __init__(self, folder: Path, models: Mapping[str, str] | None = None) -> None:
+        self.folder, self.models = folder, models or {}
         self.photo: Photo | None = None
         self.target: FoundObject | None = None
         self.depth: NDArray[np.float32] | None = None
@@ -93,7 +94,7 @@ class Session:
 
     def found(self) -> list[str]:
         """Names of what was found, each with its probability."""
-        return [f"{target.category} ({100 * target.score:.0f} %)" for target in self.targets]
+        return [target.words for target in self.targets]
 
     def choose(self, number: int) -> None:
         """Take what was found as number ``number``, from 0, for the object."""
@@ -171,7 +172,7 @@ class Session:
         """Fit the object as `command` does: one `Drawn` a step, at last the result.
 
         Args:
-            category: of the object.
+            category: category of the object.
             camera: fx, fy, cx and cy in pixels.
 
         Raises:
@@ -189,7 +190,7 @@ class Session:
         if camera is not None:
             fx, fy, cx, cy = camera
             intrinsics = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
-        return watched(_model(category), photo, target, intrinsics, self.depth)
+        return watched(_model(self.models.get(category, category)), photo, target, intrinsics, self.depth)
 
     def command(self, category: str, camera: Camera | None = None) -> str:
         """The line that does the same in a terminal, for one object or, where it is named by nothing, for all."""
@@ -202,9 +203,11 @@ class Session:
     def _arguments(self, category: str) -> tuple[dict[str, Any], list[str]]:
         """Return the selection for `find_targets`, and for `kfit pose`; empty for an object that was found."""
         named, target = ["--category", category], self.target
+        if category in self.models:
+            named = ["--model", self.models[category]]
         if self._pointed or target is None:
             return self._pointed, [*named, *self._words]
-        if category == target.category:
+        if category == target.category and category not in self.models:
             return {}, []
         if not self.targets:  # selected by the alpha channel
             return {}, named
@@ -251,5 +254,5 @@ class Session:
 
 
 @lru_cache
-def _model(category: str) -> CategoryModel:
-    return load(category)
+def _model(model: str) -> CategoryModel:
+    return load(model)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import OrderedDict
+from collections.abc import Mapping
 from pathlib import Path
 from tempfile import mkdtemp
 from threading import Lock, Timer
@@ -20,10 +21,11 @@ class Sessions:
 
     Args:
         folder: in which each gets a folder of its own.
+        models: paths of models by their category, each instead of a bundled one.
     """
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
+    def __init__(self, folder: Path, models: Mapping[str, str] | None = None) -> None:
+        self.folder, self.models = folder, models or {}
         self._open: OrderedDict[str, Session] = OrderedDict()
         self._leaving: dict[str, Timer] = {}
         self._lock = Lock()
@@ -37,7 +39,7 @@ class Sessions:
             if (timer := self._leaving.pop(visitor, None)) is not None:
                 timer.cancel()
             if visitor not in self._open:
-                self._open[visitor] = Session(Path(mkdtemp(prefix="session-", dir=self.folder)))
+                self._open[visitor] = Session(Path(mkdtemp(prefix="session-", dir=self.folder)), self.models)
             self._open.move_to_end(visitor)
             idle = [name for name, session in self._open.items() if not session.busy and name != visitor]
             for name in idle:

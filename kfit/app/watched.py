@@ -54,8 +54,8 @@ class Watching(Callback):
     """Draws the best start at each step, for one problem.
 
     Args:
-        generator: of the fit.
-        observed: what is fitted.
+        generator: generator of the fit.
+        observed: object that is fitted.
         tell: called with each `Drawn`.
         left: once set, the fit breaks off at its next step.
     """
@@ -102,7 +102,7 @@ def watched(
     Whoever stops iterating ends the fit.
 
     Args:
-        model: of the object's category.
+        model: model of the object's category.
         photo: the photo.
         target: the object in it.
         intrinsics, depth: as `kfit.pose.CategoryModel.pose` takes them.
@@ -113,7 +113,7 @@ def watched(
     events: SimpleQueue[Drawn | PoseResult | BaseException] = SimpleQueue()
     left = Event()
     given: dict[str, Any] = {"intrinsics": intrinsics, "depth": depth}
-    observed = ObservedObject.of(photo, model.card.category, model.image_size, segmenter=target, **given)
+    observed = ObservedObject.of(photo, model.card.known, model.image_size, segmenter=target, **given)
     pipeline = model.pipeline(depth=depth is not None, lens_known=observed.lens_known)
     watching = Watching(pipeline.generator, observed, events.put, left)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from itertools import pairwise
 
@@ -10,8 +9,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from kfit.core.check import check_choice, check_count, check_list, check_shape
-from kfit.geometry import Symmetry
+from kfit.core.check import check_count, check_list, check_shape
+from kfit.geometry import Symmetry, check_symmetry, num_turns, turns_about_y
 from kfit.runtime.old_weights import read_old_weights
 
 # How many turns a free turn about y is cut into; NOCS's loss tries as many.
@@ -30,9 +29,9 @@ class CoordinateRegressor(nn.Module):
     picture of 64 × 64.
 
     Args:
-        symmetry: of the category, see `kfit.geometry.CATEGORIES`; with ``"y"`` the loss is the least over
+        symmetry: symmetry of the category, see `kfit.geometry.CATEGORIES`; with ``"y"`` the loss is the least over
             rotations about y.
-        channels: of the convolutions, one at each size.
+        channels: numbers of channels of the convolutions, one at each size.
         num_bins: B.
 
     Raises:
@@ -46,13 +45,13 @@ class CoordinateRegressor(nn.Module):
         self, symmetry: Symmetry = "none", channels: Sequence[int] = (24, 48, 96, 160, 160), num_bins: int = 32
     ) -> None:
         super().__init__()
-        check_choice("CoordinateRegressor: symmetry", symmetry, ("none", "y"))
+        check_symmetry("CoordinateRegressor: symmetry", symmetry)
         check_list("CoordinateRegressor: channels", channels, None, check_count)
         check_count("CoordinateRegressor: num_bins", num_bins, 2)
         self.num_bins = num_bins
         self.register_buffer("centres", (torch.arange(num_bins) + 0.5) / num_bins - 0.5, persistent=False)
-        count = NUM_TURNS if symmetry == "y" else 1
-        self.register_buffer("turns", _turns(count), persistent=False)
+        turns = turns_about_y(num_turns(symmetry) or NUM_TURNS).float()
+        self.register_buffer("turns", turns, persistent=False)
         self.down = nn.ModuleList([_convolution(3, channels[0], 1)])
         self.up = nn.ModuleList()
         for a, b in pairwise(channels):
@@ -121,12 +120,3 @@ class CoordinateRegressor(nn.Module):
 def _convolution(a: int, b: int, stride: int) -> nn.Sequential:
     # The normalisation has the offset.
     return nn.Sequential(nn.Conv2d(a, b, 3, stride, 1, bias=False), nn.BatchNorm2d(b), nn.LeakyReLU(0.2))
-
-
-def _turns(count: int) -> Tensor:
-    """Return rotations (count, 3, 3) about y, uniform over the circle, starting with the identity."""
-    matrices = []
-    for k in range(count):
-        cos, sin = math.cos(2 * math.pi * k / count), math.sin(2 * math.pi * k / count)
-        matrices.append([[cos, 0.0, sin], [0.0, 1.0, 0.0], [-sin, 0.0, cos]])
-    return torch.tensor(matrices)

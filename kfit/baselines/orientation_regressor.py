@@ -6,9 +6,9 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from kfit.core.check import check_choice, check_count, check_shape
+from kfit.core.check import check_count, check_shape
 from kfit.features import VGG16
-from kfit.geometry import Symmetry
+from kfit.geometry import Symmetry, check_symmetry, num_turns, turns_about_y
 from kfit.runtime.old_weights import read_old_weights
 
 # Width and number of the convolutions before each pooling: configuration D of Simonyan and Zisserman, table 1.
@@ -27,9 +27,9 @@ class OrientationRegressor(nn.Module):
     multiply-adds a picture of 64 × 64.
 
     Args:
-        symmetry: of the category, see `kfit.geometry.CATEGORIES`; with ``"y"`` the rotation about y is free, and
-            only the direction of the y axis is learned.
-        hidden_dim: of the linear layers.
+        symmetry: symmetry of the category, see `kfit.geometry.CATEGORIES`; with ``"y"`` the rotation about y is free,
+            and only the direction of the y axis is learned.
+        hidden_dim: number of features of the linear layers.
         image_size: side of the input pictures, a multiple of 32.
 
     Raises:
@@ -41,7 +41,7 @@ class OrientationRegressor(nn.Module):
 
     def __init__(self, symmetry: Symmetry = "none", hidden_dim: int = 1024, image_size: int = 64) -> None:
         super().__init__()
-        check_choice("OrientationRegressor: symmetry", symmetry, ("none", "y"))
+        check_symmetry("OrientationRegressor: symmetry", symmetry)
         check_count("OrientationRegressor: hidden_dim", hidden_dim)
         check_count("OrientationRegressor: image_size", image_size, 32)
         if image_size % 32:
@@ -103,7 +103,8 @@ class OrientationRegressor(nn.Module):
         """
         if self.symmetry == "y":
             return (rotation[..., 1] - truth[..., 1]).square().sum(-1) / 2
-        return (rotation - truth).square().sum((-2, -1)) / 4
+        turns = turns_about_y(num_turns(self.symmetry)).to(truth)
+        return torch.stack([(rotation - truth @ turn).square().sum((-2, -1)) / 4 for turn in turns]).amin(0)
 
 
 def _convolutions(network: nn.Sequential) -> list[nn.Conv2d]:

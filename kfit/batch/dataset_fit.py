@@ -18,11 +18,10 @@ from torch import nn
 from kfit.batch.fit_data import FitData, ImageToFit, ObjectCropper, Unreadable
 from kfit.batch.results_folder import ResultsFolder
 from kfit.core import FitError, Observation
-from kfit.core.check import check_choice, check_count, check_dict, check_names, check_text
-from kfit.geometry import CATEGORIES
-from kfit.models.files import read_card
+from kfit.core.check import check_choice, check_count, check_dict, check_text
 from kfit.models.load import BUNDLED, bundled, load
 from kfit.pose.category_model import CategoryModel
+from kfit.pose.model_files import read_card
 from kfit.pose.observed_object import ObservedObject
 from kfit.pose.result import PoseResult
 from kfit.runtime.devices import cores, one_thread
@@ -102,7 +101,9 @@ class DatasetFit(LightningModule):
             raise agreed if self.trainer.is_global_zero and agreed is not None else SystemExit(0)
         if not self.trainer.is_global_zero:
             self._load(data)
-        cropper = ObjectCropper({name: model.image_size for name, model in self.models.items()}, self.depth)
+        cropper = ObjectCropper(
+            {name: (model.card.known, model.image_size) for name, model in self.models.items()}, self.depth
+        )
         # A GPU fits faster than one process reads, so reading is done in the background.
         shared = max(1, cores() // self.trainer.world_size - 1)
         on_cpu = self.trainer.strategy.root_device.type == "cpu"
@@ -155,7 +156,6 @@ class DatasetFit(LightningModule):
             process.wait()
 
     def _load(self, data: FitData) -> None:
-        check_names("models", self.files, CATEGORIES)
         for category in data.categories:
             if category not in self.files:
                 continue

@@ -14,6 +14,7 @@ from lightning import LightningDataModule
 from numpy.typing import NDArray
 from torch.utils.data import DataLoader, Dataset, DistributedSampler
 
+from kfit.geometry import Category
 from kfit.pose.inputs import as_photo
 from kfit.pose.observed_object import ObservedObject
 from kfit.pose.result import PoseResult
@@ -29,7 +30,7 @@ class ObjectToFit:
         category: as `kfit.geometry.CATEGORIES` spells it, or what else its data calls it.
         mask: (H, W), above one half on the object; None to use the photo's alpha channel.
         key: with the seed it decides the object's random numbers.
-        score: of the detection; None without a detector.
+        score: score of the detection; None without a detector.
     """
 
     category: str
@@ -43,12 +44,12 @@ class ImageToFit:
     """An image and its objects.
 
     Attributes:
-        name: of the file of its result.
+        name: name of its result file.
         image: photo, or (H, W, 3) RGB, as `kfit.pose.CategoryModel.pose` takes it.
         objects: in any number.
         intrinsics: (3, 3), where the data knows them.
         depth: (H, W) in metres, where it was measured.
-        source: what the data wants to remember until the result is written.
+        source: anything that the data set needs again when the result is written.
         observed: the objects cut out, or sentences why one cannot be; see `ObjectCropper`.
     """
 
@@ -71,14 +72,14 @@ class Unreadable:
 
 @dataclass(frozen=True)
 class ObjectCropper:
-    """Cuts objects out of an image as the models of their categories want them.
+    """Cuts objects out of an image in the form that the models of their categories need.
 
     Attributes:
-        sizes: of the pictures that each category's model draws.
+        models: category and side length in pixels of the pictures of each model, by the category's name.
         depth: whether the image's depth is to be used.
     """
 
-    sizes: Mapping[str, int]
+    models: Mapping[str, tuple[Category, int]]
     depth: bool
 
     def __call__(self, image: ImageToFit) -> list[ObservedObject | str]:
@@ -87,14 +88,14 @@ class ObjectCropper:
         return [self._one(image, photo, thing) for thing in image.objects]
 
     def _one(self, image: ImageToFit, photo: Photo | NDArray[Any], thing: ObjectToFit) -> ObservedObject | str:
-        size = self.sizes.get(thing.category)
-        if size is None:
+        if thing.category not in self.models:
             return "there is no model" + " that draws depth" * self.depth + " of the category"
         if self.depth and image.depth is None:
             return "there is no depth of the image"
+        category, size = self.models[thing.category]
         depth = image.depth if self.depth else None
         try:
-            return ObservedObject.of(photo, thing.category, size, thing.mask, intrinsics=image.intrinsics, depth=depth)
+            return ObservedObject.of(photo, category, size, thing.mask, intrinsics=image.intrinsics, depth=depth)
         except ValueError as error:
             return str(error)
 
@@ -103,7 +104,7 @@ class FitData(LightningDataModule, ABC):
     """A data set that `kfit.batch.dataset_fit.DatasetFit` fits; each image has one file for its result.
 
     Attributes:
-        categories: of the objects that there may be.
+        categories: categories of the objects that can occur.
         batch_size: images that are fitted at once in a process.
         left: names of the results that are to be made, the same in all processes; see `plan`.
         cropper: cuts the objects out; see `plan`.

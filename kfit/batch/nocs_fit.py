@@ -70,7 +70,7 @@ class NOCSFit(FitData):
         frame = self._frames[self._index[name]]
         make_result(frame, [])
         objects = (
-            [ObjectToFit(thing.category, thing.mask, _key(name, thing.instance)) for thing in frame.objects]
+            [ObjectToFit(thing.category, thing.mask, object_key(name, thing.instance)) for thing in frame.objects]
             if self.detections is None
             else self._detected(frame, name)
         )
@@ -78,7 +78,7 @@ class NOCSFit(FitData):
 
     def write(self, path: Path, image: ImageToFit, answers: Sequence[PoseResult | str]) -> None:
         found = [
-            _prediction(thing, answer)
+            prediction_of(thing, answer)
             for thing, answer in zip(image.objects, answers, strict=True)
             if isinstance(answer, PoseResult)
         ]
@@ -101,17 +101,18 @@ class NOCSFit(FitData):
             raise ValueError(f"{file} holds no detections for {frame.path}: {error}") from None
         named = zip(found.categories, found.names, strict=True)
         return [
-            ObjectToFit(category or called, found.mask(index) > 0, _key(name, index), float(found.scores[index]))
+            ObjectToFit(category or called, found.mask(index) > 0, object_key(name, index), float(found.scores[index]))
             for index, (category, called) in enumerate(named)
         ]
 
 
-def _key(name: str, number: int) -> int:
+def object_key(name: str, number: int) -> int:
     """A number for an object, the same wherever and whenever it is fitted."""
     return int.from_bytes(hashlib.sha256(f"{name}/{number}".encode()).digest()[:8], "big")
 
 
-def _prediction(thing: ObjectToFit, answer: PoseResult) -> NOCSPrediction:
+def prediction_of(thing: ObjectToFit, answer: PoseResult) -> NOCSPrediction:
+    """An answer as NOCS's files hold it, scored by its confidence where the object was not detected."""
     left, top, width, height = answer.bbox_xywh
     score = answer.confidence if thing.score is None else thing.score
     box = (top, left, top + height, left + width)

@@ -26,7 +26,7 @@ class PhotoFolder(FitData):
 
     Args:
         root: folder of the photos.
-        category: of the objects.
+        category: category of the objects.
         batch_size: photos that are fitted at once in a process. More suit a GPU and gain
             nothing on a CPU; they change the rounding, which a fit may carry to a degree.
     """

@@ -19,7 +19,7 @@ class ResultsFolder:
     """A folder of atomically written results, all with the settings in its ``fit.json``.
 
     Attributes:
-        path: of the folder, which need not be there yet.
+        path: path of the folder, which need not exist yet.
     """
 
     path: Path
@@ -28,7 +28,7 @@ class ResultsFolder:
         """Those of the names that have no file yet. What a killed run left unfinished is removed.
 
         Args:
-            names: of all files that there are to be.
+            names: names of all files that will be written.
             settings: plain values that decide the results; kfit's version is added.
 
         Raises:

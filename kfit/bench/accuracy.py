@@ -30,7 +30,7 @@ def parser() -> ArgumentParser:
         "rotation errors and the shares under 5°, 10°, 30° and 60°. Symmetric classes, and mugs whose handle is hidden "
         "(less than 2 % of the mask), are measured by their axis, as NOCS does; mugs also on the views that show it.",
         epilog="examples:\n  kfit bench accuracy --categories '[mug]' --views 20\n"
-        "  kfit bench accuracy --meshes '[scans,bottle=scans/shampoo@-y]' --nocs nocs --out accuracy",
+        "  kfit bench accuracy --meshes '[scans@z,bottle=scans/shampoo@-y]' --nocs nocs --out accuracy",
     )
     add_sources(parser, 100)
     fit = parser.add_argument_group("fits")
@@ -70,11 +70,11 @@ def add_sources(parser: ArgumentParser, views: int) -> None:
     )
     group.add_argument(
         "--meshes",
-        type=list[str],
+        type=list[str] | str,
         default=[],
         metavar="[PLACE,…]",
-        help="scans: folders whose names tell the category as a word (025_mug), or CATEGORY=FOLDER; z is up, or what "
-        "stands behind (FOLDER@y, @-y, …); handle, lens and screen point to +x",
+        help="meshes: folders whose names tell the category as a word (025_mug), or CATEGORY=FOLDER; y is up and the "
+        "front (handle, lens, screen) at +x, or what stands behind: FOLDER@UP or FOLDER@UP,FRONT (@z, @y,-z, …)",
     )
     group.add_argument("--scan-views", type=int, default=50, help="views of each scan")
     group.add_argument("--nocs", type=str, default=None, metavar="FOLDER", help="frames in the folders of NOCS's data")

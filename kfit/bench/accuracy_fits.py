@@ -16,6 +16,7 @@ from kfit.bench.nocs_accuracy import fit_known, known_objects
 from kfit.bench.pose_errors import measure
 from kfit.bench.scans import find_scans, scan_views
 from kfit.fitting.pipeline import FitPipeline
+from kfit.geometry import CATEGORIES
 from kfit.pose import CategoryModel, PoseResult
 from kfit.pose.card import KINDS
 from kfit.reports.contact_sheet import SheetEntry, contact_sheet, evenly
@@ -40,7 +41,7 @@ class AccuracyFits:
         depth: fit the views' depth too.
         shown: whether sheets are wanted.
         sheets: pictures by file name.
-        views: of categories and scans, by name, once they were drawn.
+        views: views of categories and scans, by name, once they were drawn.
     """
 
     models: dict[str, CategoryModel]
@@ -56,6 +57,9 @@ class AccuracyFits:
         """Figures of each category on objects that kfit draws."""
         found: Figures = {}
         for category, model in self.models.items():
+            if model.card.shapes is None:
+                log.warning("%s: nothing draws objects of this category; --meshes gives some to measure on", category)
+                continue
             task = self.bar.add_task(f"{category}, procedural", total=self.args.views)
             if category not in self.views:
                 self.bar.update(task, description=f"{category}, drawing")
@@ -69,12 +73,12 @@ class AccuracyFits:
 
     def scans(self) -> Figures:
         """Figures of each scan of the categories."""
-        scans, unknown = find_scans(self.args.meshes)
+        scans, unknown = find_scans(self.args.meshes, self.models if self.args.model else CATEGORIES)
         for path in unknown:
             log.warning("left out: no folder of %s names a category; pass CATEGORY=%s", path, path.parent)
         found: Figures = {}
         for scan in scans:
-            model = self.models.get(scan.category)
+            model = self.models.get(str(scan.category))
             if model is None:
                 continue
             name = f"{scan.category}: {scan.name}"

@@ -17,10 +17,11 @@ CONFIDENT = 0.8
 def parser() -> ArgumentParser:
     """Arguments of ``kfit calibrate``."""
     parser = ArgumentParser(
-        description="Fit views of unseen procedural objects as `kfit pose` does: upright, on a table, from anywhere, "
-        "occluded, cut off, badly masked, and things of other categories. Fit to them a logistic model of when an "
-        "answer is within 20° of the truth, write it into the model's card, and print by cross-validation how often "
-        "answers of which confidence are right. The whole rotation counts, also of mugs whose handle is hidden.",
+        description="Fit views of unseen objects, procedural ones or meshes, as `kfit pose` does: upright, on a table, "
+        "from anywhere, occluded, cut off, badly masked, and things of other categories. Fit to them a logistic model "
+        "of when an answer is within 20° of the truth, write it into the model's card, and print by cross-validation "
+        "how often answers of which confidence are right. The whole rotation counts, also of mugs whose handle is "
+        "hidden.",
         epilog="examples:\n  kfit calibrate --model mug.safetensors --views 200\n"
         "  kfit calibrate --model mug.safetensors --seed 0 --check",
     )
@@ -33,6 +34,13 @@ def parser() -> ArgumentParser:
     )
     parser.add_argument("--views", type=int, default=400, help="number of objects, one view each")
     parser.add_argument("--seed", type=int, default=7, help="chooses the objects and poses")
+    parser.add_argument(
+        "--meshes",
+        type=list[str] | str,
+        default=[],
+        metavar="[PLACE,…]",
+        help="meshes that training has not seen, instead of procedural objects, in the words of `kfit bench accuracy`",
+    )
     parser.add_argument("--depth", action="store_true", help="calibrate fits to depth too")
     parser.add_argument("--check", action="store_true", help="try what the card holds on these views; write nothing")
     return parser
@@ -47,6 +55,7 @@ def run(args: Namespace) -> None:
     from kfit.bench.calibration_views import calibration_views
     from kfit.bench.covariance import pose_offsets, squared_mahalanobis
     from kfit.bench.held_out_views import RIGHT_DEG, answers, rotation_errors
+    from kfit.data.mesh_places import find_mesh_files
     from kfit.models import load, write_model
     from kfit.pose.calibrating import CHI2_95, calibrate, cross_validated, reliability
     from kfit.pose.confidence import UNMEASURED, how_fitted
@@ -56,6 +65,10 @@ def run(args: Namespace) -> None:
     before = model.card.calibration.get(kind)
     if args.check and before is None:
         raise ValueError(f"--check: the card of {args.model} holds no calibration of {kind} fits")
+    known = model.card.known
+    if known.shapes is None and not args.meshes:
+        raise ValueError(f"nothing draws objects of the category {known.name}; --meshes gives some")
+    meshes = find_mesh_files(args.meshes, [known.name]) if args.meshes else []
     pipeline = model.pipeline(depth=args.depth)
     names: list[str] = []
     distances: list[float] = []
@@ -65,7 +78,11 @@ def run(args: Namespace) -> None:
     fitted = None
     with progress() as bar:
         task = bar.add_task("drawing", total=args.views)
-        sets = list(calibration_views(model, args.views, args.seed, lambda done: bar.update(task, completed=done)))
+
+        def on_view(done: int) -> None:
+            bar.update(task, completed=done)
+
+        sets = list(calibration_views(model, args.views, args.seed, on_view, meshes))
         bar.reset(task, description="fitting")
         for chosen, views in sets:
             _, results = rotation_errors(model, views, pipeline)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -10,8 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kfit.bench.held_out_views import HeldOutViews, held_out_views, views_of
+from kfit.bench.scans import mesh_objects
 from kfit.bench.view_cameras import ViewsOf
 from kfit.data import build
+from kfit.data.mesh_places import MeshFile
 from kfit.data.rasterizer import View
 from kfit.geometry import CATEGORIES
 from kfit.pose.category_model import CategoryModel
@@ -24,10 +26,10 @@ class ViewSet:
     """Views of one kind.
 
     Attributes:
-        name: of the kind.
-        share: of all views.
+        name: name of the kind.
+        share: share of all views.
         views_of: how the objects are seen; see `kfit.bench.view_cameras.sample_view`.
-        corruption: what is done to the photo before the object is cut out of it.
+        corruption: corruption applied to the photo before the object is cut out of it.
         foreign: whether they show other things than the category's, so that no answer is right.
     """
 
@@ -93,11 +95,15 @@ SETS = (
 
 
 def calibration_views(
-    model: CategoryModel, num_views: int, seed: int, on_view: Callable[[int], None] = lambda done: None
+    model: CategoryModel,
+    num_views: int,
+    seed: int,
+    on_view: Callable[[int], None] = lambda done: None,
+    meshes: Sequence[MeshFile] = (),
 ) -> Iterator[tuple[ViewSet, HeldOutViews]]:
     """Draw each set's share of ``num_views`` views, at least one of each.
 
-    Objects are of held-out families; foreign ones are of the other categories.
+    Objects are of held-out families, or the meshes where some are given; foreign ones are of kfit's other categories.
     """
     done = 0
     for number, chosen in enumerate(SETS):
@@ -112,6 +118,11 @@ def calibration_views(
                 build(others[i % len(others)], 1_000_000 + 1_000 * seed + i, held_out=True) for i in range(count)
             )
             views = views_of(model, objects, seed + 100 * number, on_view=shown, kind=chosen.views_of)
+        elif meshes:
+            own = mesh_objects(meshes, count, seed + 100 * number)
+            views = views_of(
+                model, own, seed + 100 * number, on_view=shown, kind=chosen.views_of, corruption=chosen.corruption
+            )
         else:
             views = held_out_views(
                 model, count, seed + 100 * number, on_view=shown, kind=chosen.views_of, corruption=chosen.corruption

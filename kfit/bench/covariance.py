@@ -23,10 +23,10 @@ def pose_offsets(
     right.
 
     Args:
-        model: that made the answers.
+        model: model that gave the answers.
         views: with their true poses.
-        results: of `kfit.bench.held_out_views.rotation_errors`.
-        numbers: of the views that are compared, none of which failed; all by default.
+        results: results of `kfit.bench.held_out_views.rotation_errors`.
+        numbers: numbers of the views that are compared, none of which failed; all by default.
     """
     symmetry = model.card.known.symmetry
     offsets, covariances = [], []

@@ -60,7 +60,7 @@ def cost_of(model: CategoryModel, sizes: Mapping[str, int]) -> Cost:
     """What one fit costs, once it is warm.
 
     Args:
-        model: of a `RadianceField`.
+        model: model with a `RadianceField`.
         sizes: by the names of `AXES`.
     """
     side = sizes["picture size"]

@@ -49,9 +49,9 @@ def held_out_clip(
 
     Args:
         model: whose category is drawn.
-        number: of the object and its ground.
+        number: number of the object and its ground.
         num_frames: T.
-        turn_deg: of azimuth from frame to frame.
+        turn_deg: change of azimuth from frame to frame.
         seed: chooses objects and poses, with ``number``.
 
     Raises:
@@ -63,7 +63,7 @@ def held_out_clip(
     check_count("held_out_clip: num_frames", num_frames)
     check_range("held_out_clip: turn_deg", turn_deg)
     check_count("held_out_clip: seed", seed, 0)
-    mesh, light = build(model.card.category, 1_000_000 + 1_000 * seed + number, held_out=True)
+    mesh, light = build(model.card.known, 1_000_000 + 1_000 * seed + number, held_out=True)
     rng = np.random.default_rng([seed, number])
     camera = np.array([[FOCAL, 0, (WIDTH - 1) / 2], [0, FOCAL, (HEIGHT - 1) / 2], [0, 0, 1]])
     picture = getattr(data, GROUNDS[number % len(GROUNDS)])()

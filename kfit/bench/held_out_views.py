@@ -75,7 +75,7 @@ def held_out_views(
     check_count("held_out_views: photo_size", photo_size, 8)
     # Far from the seeds that training and its validation count up from 0.
     first = 0 if training else 1_000_000 + 1_000 * seed
-    objects = (build(model.card.category, first + number, held_out=not training) for number in range(num_views))
+    objects = (build(model.card.known, first + number, held_out=not training) for number in range(num_views))
     return views_of(model, objects, seed, photo_size, on_view, kind, corruption)
 
 
@@ -154,7 +154,7 @@ def rotation_errors(
     Symmetric classes, and mugs whose handle is hidden, are measured by their axis.
 
     Args:
-        model: what is measured.
+        model: model to measure.
         views: with their true poses.
         pipeline: by default the model's.
         batch_size: problems a fit; memory grows with it, answers do not change.
@@ -197,10 +197,11 @@ class Answer(NamedTuple):
     """What a fit of one view comes to.
 
     Attributes:
-        number: of the view.
+        number: number of the view.
         evidence: see `kfit.pose.confidence.evidence`.
-        error_deg: of the whole rotation, also of mugs whose handle is hidden: a guess at it is no certain answer.
-        energy: of the winner.
+        error_deg: error of the complete rotation, also of mugs whose handle is hidden, since a guess is not a
+            certain answer.
+        energy: energy of the winner.
     """
 
     number: int

@@ -39,9 +39,9 @@ class Candidate(NamedTuple):
     """An energy with the way that a fit descends it.
 
     Attributes:
-        weights: of the energies by name, see `energies_of`.
+        weights: weights of the energies by name, see `energies_of`.
         prior: weight of the code's prior.
-        code_rate: of Adam, 0 to hold the code.
+        code_rate: learning rate of Adam for the code, 0 to hold the code.
         learned: steps of the refiner before Adam's.
         descended: steps of Adam.
     """

@@ -25,7 +25,7 @@ class KnownObject:
 
     Attributes:
         split: part of the data.
-        frame: that it is seen in.
+        frame: frame in which it is seen.
         thing: the object itself.
     """
 
@@ -68,8 +68,8 @@ def fit_known(
     The rotation is measured as by NOCS (`kfit.metrics.nocs_objects.nocs_symmetry`).
 
     Args:
-        model: of the object's category.
-        known: what is seen, with its true mask.
+        model: model of the object's category.
+        known: object in the frame, with its true mask.
         pipeline: the model's own, with or without depth.
         depth: whether the frame's depth is given, too.
 

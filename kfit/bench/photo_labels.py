@@ -32,13 +32,13 @@ class Label:
     """One object, labelled by eye.
 
     Attributes:
-        name: of the label.
+        name: name of the label.
         category: one of `kfit.geometry.CATEGORIES`.
         box: left, top, width, height in pixels of the upright photo.
         kind: "upright", "lying", "inverted", "occluded" or "odd".
         tolerance: degrees that the labeller is sure to.
         either_end: whether it looks the same upside down.
-        axes: of "up" and "front", where labelled, direction, word ("toward", "away", "across") and lean, None each
+        axes: axes "up" and "front", where labelled, direction, word ("toward", "away", "across") and lean, None each
             where unclear.
     """
 

@@ -30,11 +30,11 @@ class Row:
     """How one labelled object fared.
 
     Attributes:
-        label: of it.
-        mask_iou: of the drawn box with that of the mask found best, of the right category; 0 where there is none.
+        label: its label.
+        mask_iou: IoU of the drawn box and the box of the best mask of the right category; 0 if there is none.
         box_iou: with the projected 3D box.
-        faults: of the orientation; None where the object was not found.
-        confidence: of the answer.
+        faults: faults of the orientation; None where the object was not found.
+        confidence: confidence of the answer.
     """
 
     label: Label

@@ -1,10 +1,10 @@
-"""Scanned objects to measure a model on: which category each is of, which way is up, and views of them."""
+"""Meshes to measure a model on: which category each is of, and views of them."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,108 +13,55 @@ from kfit.bench.held_out_views import HeldOutViews, views_of
 from kfit.bench.view_cameras import ViewsOf
 from kfit.data import Light, Mesh
 from kfit.data.exposure import with_exposure
-from kfit.data.mesh_files import find_meshes, load_mesh
-from kfit.geometry import CATEGORIES
+from kfit.data.mesh_places import MeshFile, find_mesh_files
 from kfit.pose.category_model import CategoryModel
 
-# The shortest turn that brings each axis up, to +y: what it makes of x, y and z. Opposite to y, it is one about x.
-_TURNS: dict[str, list[list[int]]] = {
-    "x": [[0, -1, 0], [1, 0, 0], [0, 0, 1]],
-    "-x": [[0, 1, 0], [-1, 0, 0], [0, 0, 1]],
-    "y": [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
-    "-y": [[1, 0, 0], [0, -1, 0], [0, 0, -1]],
-    "z": [[1, 0, 0], [0, 0, 1], [0, -1, 0]],
-    "-z": [[1, 0, 0], [0, 0, -1], [0, 1, 0]],
-}
 
+def find_scans(places: str | Sequence[str], categories: Collection[str]) -> tuple[list[MeshFile], list[Path]]:
+    """Meshes of known categories, and paths of meshes whose category nobody says.
 
-@dataclass(frozen=True)
-class Scan:
-    """A mesh file of a known category.
-
-    Attributes:
-        path: Path of the file.
-        category: One of `kfit.geometry.CATEGORIES`.
-        up: Axis of the file that points up: ``"z"`` for most scanners, ``"y"``, ``"-y"`` and so on.
-    """
-
-    path: Path
-    category: str
-    up: str = "z"
-
-    @property
-    def name(self) -> str:
-        """Name of the object: the folder's name, or the file's if its folder holds several meshes."""
-        alone = len(find_meshes(self.path.parent)) == 1
-        return self.path.parent.name if alone else self.path.stem
-
-    def mesh(self) -> Mesh:
-        """Load the object with y up, its box centred at the origin, a diagonal of 1 and its exposure baked.
-
-        The shortest rotation makes y point up; it preserves +x if z or −y pointed up. The handle of a mug, the lens of
-        a camera and the screen of a laptop must point towards +x.
-
-        Raises:
-            FileNotFoundError, ValueError: As raised by `kfit.data.mesh_files.load_mesh`.
-        """
-        turn = np.eye(4)
-        turn[:3, :3] = _TURNS[self.up]
-        return with_exposure(load_mesh(self.path).transformed(turn).normalised(), two_sided=None)
-
-
-def find_scans(places: Sequence[str]) -> tuple[list[Scan], list[Path]]:
-    """Find scans below folders, and meshes whose category is unknown.
-
-    A mesh gets the category that its file name or the innermost of its folder names contains as a complete word
-    (``ycb/025_mug/textured.obj``: mug). If a mesh is found twice, an explicitly stated category wins.
+    A mesh is of the category that stands before its place, else of the one that its file or the innermost of its
+    folders names as a whole word (``ycb/025_mug/textured.obj``: mug). Where there is one category alone, it is of that.
 
     Args:
-        places: ``FOLDER``, or ``CATEGORY=FOLDER`` if the names do not contain the category; append ``@y`` or another
-            axis if z is not up.
+        places: as `kfit.data.mesh_places.find_mesh_files` takes them.
+        categories: those that are measured, or known at all.
 
     Raises:
-        FileNotFoundError, ValueError: If a place has another form or holds no mesh.
+        FileNotFoundError, ValueError: for a place that is none, or holds no mesh.
     """
-    assigned, guessed, unknown = {}, {}, []
-    for place in places:
-        folder, up = place, "z"
-        category, equals, rest = place.partition("=")
-        if equals and category in CATEGORIES:
-            folder = rest
-        elif equals and not Path(place).exists():
-            raise ValueError(f"{place!r} names category {category!r}; those known are {', '.join(CATEGORIES)}")
+    known, unknown = [], []
+    for file in find_mesh_files(places, categories):
+        only = next(iter(categories)) if len(categories) == 1 else None
+        named = file.category or _named(file.path.absolute(), categories) or only
+        if named is None:
+            unknown.append(file.path)
         else:
-            category = ""
-        before, at, axis = folder.rpartition("@")
-        if at and axis in _TURNS:
-            folder, up = before, axis
-        elif at and not Path(folder).exists():
-            raise ValueError(f"{place!r} says that {axis!r} is up; known are {', '.join(_TURNS)}")
-        for path in find_meshes(folder):
-            file, named = path.resolve(), _named(path.relative_to(Path(folder).parent))
-            if category:
-                assigned[file] = Scan(path, category, up)
-            elif named:
-                guessed[file] = Scan(path, named, up)
-            else:
-                unknown.append(path)
-    scans = guessed | assigned  # a stated category takes precedence over one found in a name
-    return list(scans.values()), [path for path in unknown if path.resolve() not in assigned]
+            known.append(replace(file, category=named))
+    return known, unknown
 
 
-def _named(path: Path) -> str | None:
+def _named(path: Path, categories: Collection[str]) -> str | None:
     for part in (path.stem, *reversed(path.parent.parts)):
         words = re.split("[^a-z]+", part.lower())
-        found = [name for name in CATEGORIES if name in words]
+        found = [name for name in categories if name.lower() in words]
         if found:
             return found[0]
     return None
 
 
 def scan_views(
-    model: CategoryModel, scan: Scan, num_views: int, seed: int = 0, kind: ViewsOf = "upright"
+    model: CategoryModel, scan: MeshFile, num_views: int, seed: int = 0, kind: ViewsOf = "upright"
 ) -> HeldOutViews:
-    """Draw views of one scan with `kfit.bench.held_out_views.views_of`, each in another random light."""
-    mesh = scan.mesh()
-    lights = (Light.random(np.random.default_rng([seed, number, 1])) for number in range(num_views))
-    return views_of(model, ((mesh, light) for light in lights), seed, kind=kind)
+    """Views of one mesh as `kfit.bench.held_out_views.views_of` draws them, each in a random light of its own."""
+    return views_of(model, mesh_objects([scan], num_views, seed), seed, kind=kind)
+
+
+def mesh_objects(files: Sequence[MeshFile], count: int, seed: int) -> Iterator[tuple[Mesh, Light]]:
+    """``count`` objects of mesh files, one file after the other, each in a random light of its own."""
+    meshes: dict[MeshFile, Mesh] = {}
+    for number in range(count):
+        file = files[number % len(files)]
+        if file not in meshes:
+            meshes[file] = with_exposure(file.mesh(), two_sided=None)
+        yield meshes[file], Light.random(np.random.default_rng([seed, number, 1]))

@@ -70,8 +70,8 @@ def sample_view(
 
     Args:
         views_of: how the object is seen.
-        card: of the model.
-        diagonal: of the object, in metres.
+        card: card of the model.
+        diagonal: diagonal of the object, in metres.
         photo_size: side in pixels of an upright view.
         rng: random numbers.
     """

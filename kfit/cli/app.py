@@ -26,6 +26,13 @@ def parser() -> ArgumentParser:
         help="address to listen at; any other than this one lets everybody who can reach this machine use the page, "
         "which has no password",
     )
+    parser.add_argument(
+        "--models",
+        type=list[str],
+        default=[],
+        metavar="[FILE.safetensors,…]",
+        help="models of your own, each instead of the bundled one of its category",
+    )
     return parser
 
 
@@ -33,4 +40,4 @@ def run(args: Namespace) -> None:
     """Serve the page until Ctrl-C."""
     from kfit.app.serve import serve
 
-    serve(args.host, args.port)
+    serve(args.host, args.port, args.models)

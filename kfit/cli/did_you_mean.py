@@ -12,7 +12,7 @@ def suggestion(words: Sequence[str], top: ArgumentParser, others: Iterable[str] 
     """Return " did you mean …?" for the first word that is no command or option where it stands, else "".
 
     Args:
-        words: of the command line.
+        words: words of the command line.
         top: the parser of all commands.
         others: commands that it leaves to other parsers.
     """

@@ -30,7 +30,8 @@ def parser() -> ArgumentParser:
         "does, which does not clip before its arc cosine: where rounding leaves the domain, at 0° and 180°, an error "
         "is NaN and passes every threshold, so that a pose that is exactly upside down can count as right. "
         "object-deformnet's evaluator clips, and its pose AP differs in such cases.",
-        epilog="examples:\n  kfit evaluate results/ --out scores\n  kfit evaluate ours/ nocs/ --out comparison",
+        epilog="examples:\n  kfit evaluate results/ --out scores\n  kfit evaluate ours/ nocs/ --out comparison\n"
+        "  kfit evaluate results.csv --bop ycbv --out scores",
     )
     parser.add_argument(
         "predictions",
@@ -59,11 +60,26 @@ def parser() -> ArgumentParser:
         action="store_true",
         help="compare objects brought to one size, for methods that see colour alone; distances in diagonals d",
     )
+    bop = parser.add_argument_group("results in BOP's format")
+    bop.add_argument(
+        "--bop",
+        type=str,
+        default=None,
+        metavar="FOLDER",
+        help="a data set in BOP's format: PREDICTIONS are then its .csv files of results, or folders of them, and what "
+        "is printed is the recall of poses by object, symmetries of models_info.json counted",
+    )
+    bop.add_argument("--split", type=str, default="test", metavar="NAME", help="folder of its scenes")
     return parser
 
 
 def run(args: Namespace) -> None:
     """Score, print, and write the files."""
+    if args.bop is not None:
+        from kfit.cli import bop_scores
+
+        bop_scores.run(args)
+        return
     if args.scale_agnostic and args.poses != "pred_RTs":
         raise ValueError("--scale-agnostic needs sizes that belong to the poses: leave --poses out")
 

@@ -12,7 +12,7 @@ from jsonargparse import ArgumentError, ArgumentParser, Namespace
 from kfit import __version__
 from kfit.bench import calibrate
 from kfit.bench import command as bench
-from kfit.cli import app, completion, demo, evaluate, export, info, pack, pose, video
+from kfit.cli import app, compare, completion, demo, evaluate, export, info, pack, pose, video, views
 from kfit.cli.did_you_mean import suggestion
 from kfit.runtime.console import ENDINGS, add_general_options, session
 from kfit.runtime.help_page import HelpPage, tree
@@ -30,6 +30,8 @@ COMMANDS = {
     "video": video,
     "app": app,
     "evaluate": evaluate,
+    "views": views,
+    "compare": compare,
     "pack": pack,
     "calibrate": calibrate,
     "export": export,

@@ -61,10 +61,9 @@ def run(args: Namespace) -> None:
     def model_of(name: str) -> CategoryModel:
         return (own or loaded(name)).to(device)
 
-    def found(number: int) -> tuple[Photo, list[FoundObject]]:
+    def found(number: int, photo: Photo) -> list[FoundObject]:
         name = photos[number]
         try:
-            photo = read_photo(name)
             mask = None if args.mask is None else mask_from_file(args.mask[number], photo.image.shape[:2])
             box = None if args.box is None else tuple(args.box[number])
             with status(f"Looking for objects in {name} …") if len(photos) == 1 else nullcontext():
@@ -73,7 +72,7 @@ def run(args: Namespace) -> None:
             if len(photos) == 1 or name in str(error):
                 raise
             raise ValueError(f"{name}: {error}") from error
-        return photo, _picked(targets) if args.pick else targets
+        return _picked(targets) if args.pick else targets
 
     if args.fit is not None:
         from kfit.geometry import CATEGORIES
@@ -85,14 +84,16 @@ def run(args: Namespace) -> None:
     answers: dict[str, list[PoseResult]] = {}
     with progress() as bar, precision(args.precision, device):
         if poses is not None:
-            answers[photos[0]] = [answer_views(args, photos, [found(n) for n in range(len(photos))], poses, model_of)]
+            views = [(photo, found(number, photo)) for number, photo in enumerate(map(read_photo, photos))]
+            answers[photos[0]] = [answer_views(args, photos, views, poses, model_of)]
             _report(args, answers)
             return
         for number, name in enumerate(bar.track(photos, description="Photos") if len(photos) > 1 else photos):
             try:
-                photo, targets = found(number)
+                photo = read_photo(name)
                 depth = None if args.depth is None else depth_from_file(args.depth, photo.image.shape[:2])
                 ignore = None if args.ignore is None else mask_from_file(args.ignore, photo.image.shape[:2])
+                targets = found(number, photo)
                 _check_one(args, targets)
                 answers[name] = [
                     _answer(args, model_of(target.category), photo, target, depth, ignore, len(photos))
@@ -150,7 +151,7 @@ def _picked(targets: Sequence[FoundObject]) -> list[FoundObject]:
         ValueError: if stdin has no answer, or another than numbers of the list.
     """
     for number, target in enumerate(targets, 1):
-        print(f"{number}  {target.category} ({100 * target.score:.0f} %), box {_spelled(target.box)}", file=sys.stderr)
+        print(f"{number}  {target.words}, box {_spelled(target.box)}", file=sys.stderr)
     if not targets:
         return []
     print("Which? Numbers, or Enter for all: ", end="", file=sys.stderr, flush=True)
@@ -167,7 +168,7 @@ def _answer(
     from kfit.callbacks import Progress
     from kfit.models.find_poses import pose_of
 
-    log.info("found a %s (%.0f %%) in box %s", target.category, 100 * target.score, _spelled(target.box))
+    log.info("found a %s in box %s", target.words, _spelled(target.box))
     fit = None
     if args.fit is not None:
         from kfit.pose.fit_recipe import fit_of

@@ -34,6 +34,8 @@ def read_poses(path: str, count: int) -> NDArray[np.float64]:
 
     from kfit.pose.views import check_relative_poses
 
+    if not Path(path).is_file():
+        raise ValueError(f"--relative-poses must name a file, but {path} is none")
     if (size := Path(path).stat().st_size) > LARGEST:
         raise ValueError(f"--relative-poses {path} has {size:,} bytes, more than {LARGEST:,}")
     try:
@@ -50,7 +52,7 @@ def shared_object(found: Sequence[Sequence[FoundObject]], photos: Sequence[str])
     """The one object that several photos show, as it was found in each.
 
     Args:
-        found: what was found in each photo.
+        found: objects found in each photo.
         photos: their names.
 
     Raises:
@@ -84,7 +86,7 @@ def answer_views(
 
     targets = shared_object([targets for _, targets in found], photos)
     for name, target in zip(photos, targets, strict=True):
-        log.info("found a %s (%.0f %%) in %s", target.category, 100 * target.score, name)
+        log.info("found a %s in %s", target.words, name)
     model, seen = model_of(targets[0].category), [photo for photo, _ in found]
     result = pose_in_views(model, seen, targets, poses, camera_of(args), args.seed)
     for note in result.notes:

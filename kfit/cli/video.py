@@ -105,12 +105,12 @@ class Video:
 
     Args:
         model: with a pose head.
-        frames: of the video.
-        args: of the command line.
+        frames: frames of the video.
+        args: arguments of the command line.
 
     Attributes:
         num_frames, num_anew: that were gone through; in which it was found anew, but the first.
-        confidences: of the frames in which it was found.
+        confidences: confidences of the frames in which it was found.
     """
 
     def __init__(self, model: CategoryModel, frames: Frames, args: Namespace) -> None:

@@ -20,7 +20,7 @@ def check_pictures(name: str, pictures: Any, volumes: bool = False, least_side: 
     """Refuse anything but a batch of floating-point pictures, or a dict of such.
 
     Args:
-        name: of the argument.
+        name: name of the argument.
         pictures: (N, C, H, W).
         volumes: whether (N, C, D, H, W) is accepted too.
         least_side: least number of pixels of each spatial side.

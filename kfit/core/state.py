@@ -37,7 +37,7 @@ class GradientEvaluation(Evaluation):
     """Energies of N rows and their gradient.
 
     Attributes:
-        gradient: of the sum of ``energy`` over rows with respect to raw variables.
+        gradient: gradient of the sum of ``energy`` over rows with respect to raw variables.
     """
 
     gradient: Variables

@@ -1,6 +1,7 @@
 """Data: procedural objects, meshes, a rasterizer, views in HDF5 and the LightningDataModule that serves them."""
 
 from kfit.data.categories_datamodule import CategoriesDataModule
+from kfit.data.category_files import read_category
 from kfit.data.datamodule import ViewsDataModule
 from kfit.data.light import Light
 from kfit.data.mesh import Mesh, join
@@ -35,6 +36,7 @@ __all__ = [
     "load_pickle",
     "make_result",
     "pose_view",
+    "read_category",
     "read_frame",
     "read_results",
     "render",

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
+import os
 import warnings
 from pathlib import Path
 from typing import Any
@@ -11,11 +14,12 @@ from lightning import LightningDataModule
 from torch import Tensor
 from torch.utils.data import DataLoader, DistributedSampler
 
-from kfit.core.check import check_choice, check_count, check_rising, check_text
-from kfit.data.mesh_files import find_meshes
+from kfit.core.check import check_count, check_list, check_rising, check_text
+from kfit.data.category_files import read_category
+from kfit.data.mesh_places import MeshFile, find_mesh_files
 from kfit.data.view_pairs import ViewPairs
-from kfit.data.views import Views, build_views
-from kfit.geometry.categories import CATEGORIES
+from kfit.data.views import Views, build_views, settings_of
+from kfit.geometry.categories import CATEGORIES, Category
 
 LEARN = ("train", "val")
 # What else than training needs.
@@ -39,13 +43,15 @@ class ViewsDataModule(LightningDataModule):
     directions and in other light, or other pairs of the same objects of the file. Batches are those of ``ViewPairs``.
 
     Args:
-        category: Procedural category, one of bottle, bowl, camera, can, laptop and mug.
+        category: One of bottle, bowl, camera, can, laptop and mug; or a custom one, as a YAML file with the fields
+            of `kfit.geometry.Category` or the import path of one.
         num_objects: Objects to train on.
         num_views: Views of each object.
         image_size: Side of the pictures in pixels.
         batch_size: Pairs a batch and process.
         cache_dir: Folder for rendered views.
-        meshes: Folder of meshes to use instead of procedural objects.
+        meshes: Places and orientations of meshes to use instead of procedural objects, as
+            `kfit.data.mesh_places.find_mesh_files` takes it: a folder with y up, ``FOLDER@z``, or a list of such.
         views: Existing HDF5 file of views to use instead of rendering any.
         num_val_objects: Objects to validate on, and to test on; at most a third of an existing file's.
         distance_range: Range of the camera's distance in box diagonals; equal ends fix it.
@@ -60,20 +66,19 @@ class ViewsDataModule(LightningDataModule):
 
     def __init__(
         self,
-        category: str = "mug",
+        category: str | Category = "mug",
         num_objects: int = 4000,
         num_views: int = 10,
         image_size: int = 64,
         batch_size: int = 32,
         cache_dir: str = ".kfit_cache",
-        meshes: str | None = None,
+        meshes: str | list[str] | None = None,
         views: str | None = None,
         num_val_objects: int = 40,
         distance_range: tuple[float, float] = (1.3, 8.0),
         seed: int = 0,
     ) -> None:
         super().__init__()
-        check_choice("category", category, CATEGORIES)
         check_count("num_objects", num_objects)
         check_count("num_views", num_views, 2)
         check_count("image_size", image_size)
@@ -81,13 +86,23 @@ class ViewsDataModule(LightningDataModule):
         check_count("num_val_objects", num_val_objects)
         check_rising("distance_range", distance_range, 1, 1e6)
         check_count("seed", seed, 0)
-        for name, path in {"cache_dir": cache_dir, "meshes": meshes, "views": views}.items():
-            if path is not None or name == "cache_dir":
-                check_text(name, path)
+        check_text("cache_dir", cache_dir)
+        if views is not None:
+            check_text("views", views)
+        if isinstance(meshes, str | Path):
+            check_text("meshes", meshes)
+        elif meshes is not None:
+            check_list("meshes", meshes, None, check_text)
         if meshes is not None and views is not None:
             raise ValueError(f"meshes and views must not both be given, but are {meshes!r} and {views!r}.")
+        self.category = read_category(category)
+        if self.category.shapes is None and meshes is None and views is None:
+            raise ValueError(f"category {self.category.name} has no shapes to draw, so meshes or views must be given")
         self.save_hyperparameters()
-        self.category, self.num_objects, self.num_views, self.image_size = category, num_objects, num_views, image_size
+        # As plain data, so that a checkpoint holds all of it on another machine too.
+        own = self.category != CATEGORIES.get(self.category.name)
+        self.hparams["category"] = self.category.to_dict() if own else self.category.name
+        self.num_objects, self.num_views, self.image_size = num_objects, num_views, image_size
         self.batch_size, self.cache_dir, self.meshes, self.views = batch_size, cache_dir, meshes, views
         self.num_val_objects, self.distance_range, self.seed = num_val_objects, distance_range, seed
         self.train_pairs: ViewPairs | None = None
@@ -109,6 +124,13 @@ class ViewsDataModule(LightningDataModule):
         given = Views(self.views, self.num_views) if needed and self.views is not None else None
         for part in needed:
             setattr(self, f"{part}_pairs", self._pairs(part, given))
+
+    def fingerprint(self) -> str:
+        """16 hexadecimal digits that identify the training data: its sources and rendering, or a file's content."""
+        if self.views is not None:
+            with open(self.views, "rb") as file:
+                return hashlib.file_digest(file, "sha256").hexdigest()[:16]
+        return hashlib.sha256(json.dumps(settings_of(self._build("train"))).encode()).hexdigest()[:16]
 
     def train_dataloader(self) -> DataLoader[dict[str, Tensor]]:
         """Return shuffled pairs, each process's part of them.
@@ -140,7 +162,7 @@ class ViewsDataModule(LightningDataModule):
         return self.trainer.current_epoch if self.trainer is not None else 0
 
     def _home(self, views: Views) -> torch.device:
-        """Where these views are kept while training."""
+        """Device that holds these views during training."""
         device: torch.device = self.trainer.strategy.root_device if self.trainer is not None else torch.device("cpu")
         if device.type != "cuda":
             return torch.device("cpu")
@@ -164,17 +186,16 @@ class ViewsDataModule(LightningDataModule):
 
     def _build(self, part: str) -> Path:
         """Path of the views for train, val or test, rendered if they are not there."""
-        source: str | list[Path] = self.category
-        name = self.category
+        source: Category | list[MeshFile] = self.category
+        name = self.category.name
         held_out = part != "train"
         if self.meshes is not None:
-            files = find_meshes(self.meshes)
+            files = find_mesh_files(self.meshes, [name])
             # Every tenth mesh validates; of fewer than two there is nothing to hold out.
             source = (files[::10] if held_out else [f for i, f in enumerate(files) if i % 10]) or files
-            name = Path(self.meshes).resolve().name
+            name = _common_name(files)
         count = self.num_val_objects if held_out else self.num_objects
         file = f"{name}_{part}_{count}x{self.num_views}_{self.image_size}px_seed{self.seed}.h5"
-        category = CATEGORIES[self.category]
         return build_views(
             Path(self.cache_dir) / file,
             source,
@@ -183,10 +204,16 @@ class ViewsDataModule(LightningDataModule):
             self.image_size,
             self._seed_of(part),
             held_out,
-            category.elevation_deg,
+            self.category.elevation_deg,
+            self.category.upright,
             distance=self.distance_range,
-            unit_fraction=category.unit_fraction,
+            unit_fraction=self.category.unit_fraction,
         )
+
+
+def _common_name(files: list[MeshFile]) -> str:
+    """Name of the folder that holds all files."""
+    return Path(os.path.commonpath([file.path.absolute().parent for file in files])).name or "meshes"
 
 
 def _there(pairs: ViewPairs | None) -> ViewPairs:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from functools import lru_cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,8 +14,9 @@ from kfit.data import shapes
 from kfit.data.exposure import with_exposure
 from kfit.data.light import Light
 from kfit.data.mesh import Mesh
-from kfit.data.mesh_files import load_mesh
+from kfit.data.mesh_places import MeshFile
 from kfit.data.rasterizer import pose_view
+from kfit.geometry import Category
 from kfit.runtime.devices import cores, on_one_core
 
 # Objects of one seed are numbered from seed · this, so different seeds share no object.
@@ -32,12 +32,14 @@ class DrawnObjects(Dataset[tuple[np.ndarray, ...]]):
     (V, 2) in degrees, distances (V,) in box diagonals, and extents (3,).
 
     Args:
-        settings: of the build.
-        source: a category or mesh files.
+        settings: settings of the build.
+        source: a category, or mesh files.
         indices: which objects.
     """
 
-    def __init__(self, settings: dict[str, Any], source: str | Sequence[str | Path], indices: Sequence[int]) -> None:
+    def __init__(
+        self, settings: dict[str, Any], source: str | Category | Sequence[MeshFile], indices: Sequence[int]
+    ) -> None:
         self.settings, self.source, self.indices = settings, source, indices
 
     def __len__(self) -> int:
@@ -73,15 +75,15 @@ def in_order(objects: DrawnObjects) -> DataLoader[Any]:
     return DataLoader(objects, batch_size=None, num_workers=workers, collate_fn=tuple, worker_init_fn=on_one_core)
 
 
-def _object(source: str | Sequence[str | Path], seed: int, index: int, held_out: bool) -> tuple[Mesh, Light]:
-    if isinstance(source, str):
+def _object(source: str | Category | Sequence[MeshFile], seed: int, index: int, held_out: bool) -> tuple[Mesh, Light]:
+    if isinstance(source, str | Category):
         return shapes.build(source, seed * _SEED_STRIDE + index, held_out)
     light = Light.random(np.random.default_rng([seed, index, int(held_out), 2]))
-    path = Path(source[index % len(source)])
-    return _from_file(path, path.stat().st_mtime_ns), light
+    file = source[index % len(source)]
+    return _from_file(file, file.path.stat().st_mtime_ns), light
 
 
 @lru_cache(maxsize=16)
-def _from_file(path: Path, changed: int) -> Mesh:
+def _from_file(file: MeshFile, changed: int) -> Mesh:
     """Return a mesh ready to draw; files that are drawn often are cached until they change."""
-    return with_exposure(load_mesh(path).normalised(), two_sided=None)
+    return with_exposure(file.mesh(), two_sided=None)

@@ -19,8 +19,8 @@ def read_dataset(file: h5py.File, name: str, path: Path) -> np.ndarray:
 
     Args:
         file: open.
-        name: of the dataset.
-        path: of the file, for messages.
+        name: name of the dataset.
+        path: path of the file, for messages.
 
     Raises:
         ValueError: for anything else.

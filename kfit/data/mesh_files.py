@@ -1,15 +1,11 @@
-"""Meshes from disk: OBJ, GLB and PLY with textures, materials or vertex colours, and folders in ShapeNet's layout."""
+"""Meshes from disk: OBJ, glTF, PLY and STL with their colours, and folders in ShapeNet's layout."""
 
 from __future__ import annotations
 
-import json
 import logging
-import re
-import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -17,16 +13,21 @@ import trimesh
 from PIL import EpsImagePlugin
 
 from kfit.data.mesh import Mesh, join
-from kfit.data.mesh_tree import MOST_MATERIALS, MeshTree
+from kfit.data.mesh_limits import material_image, measure_file, measure_scene
+from kfit.data.mesh_tree import MeshTree
 from kfit.runtime.ignored_warnings import ignore_warnings
 
 _log = logging.getLogger(__name__)
-_SUFFIXES = (".obj", ".glb", ".ply")
+_SUFFIXES = (".obj", ".glb", ".gltf", ".ply", ".stl")
+_SPELLED = "OBJ, GLB, glTF, PLY or STL"
+# Meshes and scenes of programs, which are not read, but not passed over in silence either.
+_OTHERS = (
+    *(".3ds", ".3mf", ".abc", ".amf", ".blend", ".c4d", ".dae", ".fbx", ".lwo", ".ma", ".max", ".off", ".ply2"),
+    *(".skp", ".step", ".stp", ".usd", ".usda", ".usdc", ".usdz", ".vrml", ".wrl", ".x3d"),
+)
+_SHOWN = 5
 _MAX_TEXTURE = 1024
 _LARGEST_FILE = 2 * 1024**3
-_USE, _MOST_USES = re.compile(rb"^[ \t]*usemtl([^\n]*)", re.MULTILINE), 100_000
-_MOST_FACES, _MOST_NODES = 50_000_000, 5_000
-_MOST_TEXELS, _LARGEST_TEXTURE = 400_000_000, 8192
 # Squares of coordinates up to here are finite in single precision.
 _FARTHEST = 1e15
 
@@ -35,7 +36,8 @@ def find_meshes(folder: str | Path) -> list[Path]:
     """Find the mesh files in a folder, one for each object, sorted.
 
     An object's own folder ``<id>`` may hold ``model.obj`` (NOCS) or ``models/model_normalized.obj`` (ShapeNetCore v2);
-    these come first, and where a folder has neither, any OBJ, GLB or PLY file in it counts.
+    these come first, and where a folder has neither, any OBJ, GLB, glTF, PLY or STL file in it counts. The log lists
+    files that look like meshes and are left out.
 
     Raises:
         FileNotFoundError: If there is no such folder.
@@ -44,11 +46,15 @@ def find_meshes(folder: str | Path) -> list[Path]:
     folder = Path(folder)
     if not folder.is_dir():
         raise FileNotFoundError(f"folder must be an existing folder of meshes, but {folder} is none.")
-    found = sorted({*folder.rglob("model.obj"), *folder.rglob("models/model_normalized.obj")})
+    files = sorted(file for file in folder.rglob("*") if file.suffix.lower() in (*_SUFFIXES, *_OTHERS))
+    of_layout = sorted({*folder.rglob("model.obj"), *folder.rglob("models/model_normalized.obj")})
+    found = of_layout or [file for file in files if file.suffix.lower() in _SUFFIXES and file.is_file()]
+    skipped = [str(file.relative_to(folder)) for file in files if file not in set(found)]
+    if skipped:
+        more = f" and {len(skipped) - _SHOWN} more" if len(skipped) > _SHOWN else ""
+        _log.warning("%s: not read: %s%s", folder, ", ".join(skipped[:_SHOWN]), more)
     if not found:
-        found = sorted(file for file in folder.rglob("*") if file.suffix.lower() in _SUFFIXES and file.is_file())
-    if not found:
-        raise ValueError(f"folder must hold OBJ, GLB or PLY files, but {folder} holds none.")
+        raise ValueError(f"folder must hold {_SPELLED} files, but {folder} holds none.")
     return found
 
 
@@ -69,18 +75,18 @@ def load_mesh(path: str | Path) -> Mesh:
     if not path.is_file():
         raise FileNotFoundError(f"path must name a mesh file, but {path} does not exist.")
     if path.suffix.lower() not in _SUFFIXES:
-        raise ValueError(f"path must end in .obj, .glb or .ply, but is {path}.")
+        raise ValueError(f"path must end in {', '.join(_SUFFIXES)}, but is {path}.")
     if path.stat().st_size > _LARGEST_FILE:
         raise ValueError(f"path must name a file of at most 2 GB, but {path} has {path.stat().st_size:,} bytes.")
     try:
         # Scans may hold undefined texture coordinates, of which numpy warns while they are read.
         with np.errstate(all="ignore"), ignore_warnings(), _without_ghostscript():
-            _measure(path)
+            measure_file(path)
             tree = MeshTree(path)
             scene = trimesh.load_scene(path, resolver=tree, process=False)
             if tree.too_large is not None:
                 raise ValueError(tree.too_large)
-            _measure_scene(scene)
+            measure_scene(scene)
             geometries = [g for g in scene.dump() if isinstance(g, trimesh.Trimesh) and len(g.faces)]
     except Exception as error:  # trimesh raises whatever its many parsers raise
         raise ValueError(f"path must hold a readable mesh, but {path} does not ({error}).") from error
@@ -103,42 +109,6 @@ def load_mesh(path: str | Path) -> Mesh:
     if not np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).any():
         raise ValueError(f"path must hold triangles with an area, but {path} has none.")
     return mesh
-
-
-def _measure(path: Path) -> None:
-    """Refuse a GLB or OBJ file that declares more data than it has, or so many parts that reading takes minutes."""
-    if path.suffix.lower() == ".obj":
-        uses = [use.strip() for use in _USE.findall(path.read_bytes())]
-        if (kinds := len(set(uses))) > MOST_MATERIALS or len(uses) > _MOST_USES:
-            raise ValueError(f"it uses {kinds:,} materials {len(uses):,} times, at most {MOST_MATERIALS:,} are read")
-    if path.suffix.lower() != ".glb":
-        return
-    with path.open("rb") as file:
-        (length,) = struct.unpack("<12xI4x", file.read(20))
-        header = json.loads(file.read(min(length, path.stat().st_size)))
-    nodes, values = len(header.get("nodes", [])), sum(int(one["count"]) for one in header.get("accessors", []))
-    parts = sum(len(mesh["primitives"]) for mesh in header.get("meshes", []))
-    parts += sum(len(header.get(name, [])) for name in ("materials", "textures", "images"))
-    if parts > _MOST_NODES:
-        raise ValueError(f"it has {parts:,} primitives, materials and textures, more than {_MOST_NODES:,}")
-    if nodes > _MOST_NODES:
-        raise ValueError(f"it has {nodes:,} nodes, more than {_MOST_NODES:,}")
-    if values > path.stat().st_size:
-        raise ValueError(f"its accessors have {values:,} values, more than the file has bytes")
-
-
-def _measure_scene(scene: trimesh.Scene) -> None:
-    """Refuse a scene that unfolds to far more than its file: repeated parts, pictures of one colour."""
-    parts = [scene.geometry[scene.graph[node][1]] for node in scene.graph.nodes_geometry]
-    faces = sum(len(getattr(part, "faces", ())) for part in parts)
-    if faces > _MOST_FACES:
-        raise ValueError(f"it has {faces:,} faces, more than {_MOST_FACES:,}")
-    sizes = [image.size for part in parts if (image := _image(getattr(part.visual, "material", None))) is not None]
-    texels = sum(width * height for width, height in sizes)
-    if texels > _MOST_TEXELS or any(max(size) > _LARGEST_TEXTURE for size in sizes):
-        raise ValueError(
-            f"its textures have {texels:,} texels, and at most {_MOST_TEXELS:,} are read, {_LARGEST_TEXTURE} a side"
-        )
 
 
 @contextmanager
@@ -222,7 +192,7 @@ def _wrapped(
 
 def _material_texture(material: object) -> np.ndarray:
     """The material's picture times its colour, or a tile of its colour."""
-    image = _image(material)
+    image = material_image(material)
     color = getattr(material, "baseColorFactor", None)
     if color is None and image is None:
         color = getattr(material, "diffuse", None)
@@ -232,12 +202,6 @@ def _material_texture(material: object) -> np.ndarray:
     if image is None:
         return np.broadcast_to((tint * 255 + 0.5).astype(np.uint8), (4, 4, 3)).copy()
     return (_shrunk(np.asarray(image.convert("RGB"), np.uint8)) * tint).astype(np.uint8)
-
-
-def _image(material: object) -> Any:
-    """Return the material's picture as Pillow's, or None."""
-    image = getattr(material, "image", None)
-    return getattr(material, "baseColorTexture", None) if image is None else image
 
 
 def _shrunk(picture: np.ndarray) -> np.ndarray:

@@ -15,7 +15,8 @@ from trimesh.resolvers import Resolver
 
 LARGEST_COMPANION = 512 * 1024**2
 MOST_MATERIALS = 2_000
-_LIBRARY, _PICTURES = ".mtl", (".png", ".jpg", ".jpeg", ".bmp", ".tga", ".gif", ".tif", ".tiff", ".webp")
+_LIBRARY, _BUFFER = ".mtl", ".bin"
+_PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".tga", ".gif", ".tif", ".tiff", ".webp")
 _ENTRY = re.compile(rb"^\s*(?:newmtl|map_kd)\s", re.IGNORECASE | re.MULTILINE)
 
 
@@ -26,10 +27,10 @@ class MeshTree(Resolver):
     the folder ``images`` next to ``models``. Only regular files are opened, so that no pipe is waited for.
 
     Args:
-        path: of the mesh.
+        path: path of the mesh.
 
     Attributes:
-        dropped: what could not be read, with reasons.
+        dropped: files that could not be read, with reasons.
         too_large: a sentence where a material library is too large to be read.
     """
 
@@ -111,7 +112,7 @@ def mesh_identities(files: Sequence[Path]) -> list[str]:
 
 
 def _companions(folder: Path) -> list[str]:
-    kinds = (_LIBRARY, *_PICTURES)
+    kinds = (_LIBRARY, _BUFFER, *_PICTURES)
     files = sorted(path for path in folder.rglob("*") if path.suffix.lower() in kinds and path.is_file())
     return [f"{path.relative_to(folder)} {_digest_of(path)}" for path in files]
 

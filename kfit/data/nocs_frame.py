@@ -116,10 +116,10 @@ def read_frame(
         FileNotFoundError: ...
     """
     path = Path(path)
-    color = _picture(Path(f"{path}_color.png"))[..., 2::-1]
+    color = read_picture(Path(f"{path}_color.png"))[..., 2::-1]
     # The three channels of a mask are equal in REAL275; CAMERA has the number in red alone.
-    numbers = _same_size(_picture(Path(f"{path}_mask.png")), color, path)[..., 2]
-    stored = _same_size(_picture(Path(f"{path}_coord.png")), color, path)[..., 2::-1].astype(np.float32) / 255
+    numbers = _same_size(read_picture(Path(f"{path}_mask.png")), color, path)[..., 2]
+    stored = _same_size(read_picture(Path(f"{path}_coord.png")), color, path)[..., 2::-1].astype(np.float32) / 255
     # NOCS stores z mirrored.
     stored[..., 2] = 1 - stored[..., 2]
     depth = _same_size(read_depth(full_depth if full_depth is not None else f"{path}_depth.png"), color, path)
@@ -152,7 +152,7 @@ def read_depth(path: str | Path) -> NDArray[np.floating]:
         FileNotFoundError: if there is no such file.
         ValueError: if it is neither.
     """
-    stored = _picture(Path(path), cv2.IMREAD_UNCHANGED)
+    stored = read_picture(Path(path), cv2.IMREAD_UNCHANGED)
     if stored.ndim == 2 and stored.dtype == np.uint16:
         millimetres = stored
     elif stored.ndim == 3 and stored.dtype == np.uint8 and stored.shape[2] >= 3:
@@ -162,7 +162,12 @@ def read_depth(path: str | Path) -> NDArray[np.floating]:
     return np.where(millimetres == _NO_DEPTH, 0, millimetres).astype(np.float32) / 1000
 
 
-def _picture(path: Path, how: int = cv2.IMREAD_COLOR) -> NDArray[Any]:
+def read_picture(path: Path, how: int = cv2.IMREAD_COLOR) -> NDArray[Any]:
+    """Read a PNG of at most 10,000 pixels a side.
+
+    Raises:
+        FileNotFoundError, ValueError: if there is none, or it cannot be read.
+    """
     if not path.is_file():
         raise FileNotFoundError(f"there is no file {path}")
     try:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from kfit.data.annotated_frame import AnnotatedFrame
 from kfit.data.nocs_frame import NOCSFrame
 from kfit.data.nocs_pickle import dump_pickle, load_pickle
 from kfit.geometry import CATEGORIES
@@ -46,7 +47,7 @@ class NOCSPrediction:
     mask: NDArray[np.bool_] | None = None
 
 
-def make_result(frame: NOCSFrame, predictions: Sequence[NOCSPrediction]) -> dict[str, Any]:
+def make_result(frame: NOCSFrame | AnnotatedFrame, predictions: Sequence[NOCSPrediction]) -> dict[str, Any]:
     """Return a frame's objects and predictions under the names of NOCS's detect_eval.py.
 
     ``image_path``; ``gt_class_ids`` (T,), ``gt_bboxes`` (T, 4), ``gt_RTs`` (T, 4, 4), ``gt_scales`` (T, 3),

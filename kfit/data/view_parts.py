@@ -25,7 +25,7 @@ class ViewParts:
 
     Args:
         folder: created if missing; parts of other settings are removed.
-        settings: of the build, plain values.
+        settings: settings of the build, plain values.
     """
 
     def __init__(self, folder: Path, settings: Mapping[str, Any]) -> None:

@@ -18,9 +18,9 @@ from kfit.core.check import check_choice, check_count, check_list, check_range, 
 from kfit.data import shapes
 from kfit.data.drawn_objects import DrawnObjects, in_order
 from kfit.data.hdf5 import read_dataset
-from kfit.data.mesh_tree import mesh_identities
+from kfit.data.mesh_places import MeshFile, as_mesh_file, check_mesh_file, source_identity
 from kfit.data.view_parts import FIELDS, ViewParts
-from kfit.geometry import UNIT_FRACTION, azimuth_from_released
+from kfit.geometry import UNIT_FRACTION, Category, azimuth_from_released
 from kfit.runtime.atomic_write import atomic_write
 
 _log = logging.getLogger(__name__)
@@ -28,7 +28,7 @@ _log = logging.getLogger(__name__)
 
 def build_views(
     path: str | Path,
-    source: str | Sequence[str | Path],
+    source: str | Category | Sequence[str | Path | MeshFile],
     num_objects: int,
     num_views: int,
     image_size: int = 64,
@@ -57,7 +57,8 @@ def build_views(
 
     Args:
         path: The file to write.
-        source: A category of ``kfit.data.shapes`` or mesh files; object i is drawn from file i modulo their number.
+        source: A category of ``kfit.data.shapes``, one of your own, or mesh files; object i is drawn from file i
+            modulo their number.
         num_objects: Objects to draw.
         num_views: Views of each.
         image_size: Side of the pictures in pixels.
@@ -82,8 +83,8 @@ def build_views(
     check_text("path", path)
     if isinstance(source, str):
         check_choice("source", source, shapes.CATEGORIES)
-    else:
-        check_list("source", source, None, check_text)
+    elif not isinstance(source, Category):
+        check_list("source", source, None, check_mesh_file)
     check_count("num_objects", num_objects)
     check_count("num_views", num_views)
     check_count("image_size", image_size)
@@ -94,9 +95,10 @@ def build_views(
     check_rising("distance", distance, 1, 1e6)
     check_range("unit_fraction", unit_fraction, 0.1, 10)
     check_count("supersample", supersample, 1, 16)
+    drawn = source if isinstance(source, str | Category) else [as_mesh_file(file) for file in source]
     settings: dict[str, Any] = {
-        "source": source if isinstance(source, str) else mesh_identities([Path(file) for file in source]),
-        "shapes_version": shapes.VERSION,
+        "source": source_identity(drawn),
+        "shapes_version": shapes.version_of(source) if isinstance(source, Category) else shapes.VERSION,
         "num_objects": num_objects,
         "num_views": num_views,
         "image_size": image_size,
@@ -115,7 +117,7 @@ def build_views(
         _log.warning("%s was built with other settings and is built anew.", path)
     parts = ViewParts(path.with_name(path.name + ".partial"), settings)
     while not _finished(path, settings):
-        _draw(parts, source)
+        _draw(parts, drawn)
         try:
             atomic_write(path.parent, {path.name: lambda place: _join(place, parts)})
         except FileNotFoundError:  # another process was done first and has removed the parts, or one was damaged
@@ -125,15 +127,15 @@ def build_views(
 
 
 def _finished(path: Path, settings: dict[str, Any]) -> bool:
-    return path.is_file() and _settings_of(path) == settings
+    return path.is_file() and settings_of(path) == settings
 
 
-def _draw(parts: ViewParts, source: str | Sequence[str | Path]) -> None:
+def _draw(parts: ViewParts, source: str | Category | Sequence[MeshFile]) -> None:
     """Draw the parts that are missing."""
     missing, total = parts.missing(), int(parts.settings["num_objects"])
     indices = [index for part in missing for index in parts.objects(part)]
     console = Console(stderr=True, quiet=not (sys.stderr.isatty() and _log.isEnabledFor(logging.WARNING)))
-    title = f"Rendering {source if isinstance(source, str) else f'{len(source)} meshes'}"
+    title = f"Rendering {parts.settings['source'] if isinstance(source, str | Category) else f'{len(source)} meshes'}"
     drawn = in_order(DrawnObjects(parts.settings, source, indices))
     tracked = iter(track(drawn, title, console=console, total=total, completed=total - len(indices)))
     for part in missing:
@@ -164,7 +166,7 @@ def _join(path: Path, parts: ViewParts) -> None:
         path.write_bytes(file.id.get_file_image())
 
 
-def _settings_of(path: Path) -> dict[str, object] | None:
+def settings_of(path: Path) -> dict[str, object] | None:
     """Return the settings of a file, or None if it is not such a file or damaged."""
     try:
         with h5py.File(path, "r") as file:

@@ -34,7 +34,7 @@ class PoseRefiner(RefinerNetwork):
     Args:
         weights: a checkpoint (.ckpt) of `kfit.training.RefinerTraining`, or a .safetensors file; None for random ones,
             to be trained.
-        channels: of the levels, each half as wide and high as the one before.
+        channels: numbers of channels of the levels, each half as wide and high as the one before.
         hidden_dim: units between the linear layers.
         image_size: side in pixels of the pictures that are compared.
 

@@ -23,7 +23,7 @@ def fill_published(network: nn.Module, url: str, megabytes: int, weights: str | 
 
     Args:
         network: its class has the name of torchvision's, and its parameters torchvision's names.
-        url: of the published file, which is looked up in torch.hub's cache first.
+        url: url of the published file, which is looked up in torch.hub's cache first.
         megabytes: size of that file, for the message about the download.
         weights: path of a .pth or .safetensors file to load instead.
 

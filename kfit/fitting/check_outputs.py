@@ -57,7 +57,7 @@ def check_reached(
 
     Args:
         generator: draws.
-        terms: of the fit; variables of priors need not change the drawing.
+        terms: terms of the fit; variables of priors need not change the drawing.
         raw: (N, \\*shape) each, N at least 1; one row is drawn.
         context: the result of the generator's `prepare`, by row.
         missing: variables on which the energies do not depend.

@@ -32,7 +32,7 @@ def answer_covariance(pipeline: FitPipeline, observation: Observation, result: F
         pipeline: the pipeline of the fit, whose energies and priors are sums of squares; the weights of its last step
             are used.
         observation: the fitted observation.
-        result: of ``pipeline`` for it.
+        result: result that ``pipeline`` returned for it.
 
     Returns:
         Symmetric and positive; infinite for a problem whose answer the picture does not determine, NaN for a failed

@@ -26,7 +26,7 @@ def differentiable_answer(pipeline: FitPipeline, observation: Observation, resul
     Args:
         pipeline: the pipeline of the fit; the weights of its last step are used.
         observation: the fitted observation, with tensors that require gradients.
-        result: of ``pipeline`` for it.
+        result: result that ``pipeline`` returned for it.
 
     Returns:
         The winners (B, \\*shape), moved by one Newton step, with gradients with respect to the observation; NaN for a

@@ -42,8 +42,8 @@ class Objective:
 
     Args:
         prepared: generator and terms, and what they prepared of the observation.
-        weights: of the terms in the energy that is descended, by name.
-        rank_weights: of the terms in the energy by which rows are ranked; 0 for terms not named.
+        weights: weights of the terms in the energy that is minimised, by name.
+        rank_weights: weights of the terms in the energy by which rows are ranked; 0 for terms not named.
         min_overlap: least overlap of a row that may win.
     """
 

@@ -188,7 +188,7 @@ class FitPipeline(nn.Module):
                 by default.
             starts: values (B · S, \\*shape) of all variables, the S starts of a problem consecutively, instead of those
                 that the initializers set.
-            callbacks: of this fit alone, called after the pipeline's own.
+            callbacks: callbacks of this fit only, called after the pipeline's own.
 
         Raises:
             ValueError: if the observation has no pictures, or lacks a field that an energy compares, and for starts of

@@ -46,7 +46,7 @@ def recipe_of(name: str, value: Any) -> Any:
     """Convert a part to ``{class_path, init_args}``, recursively; plain values are returned unchanged.
 
     Args:
-        name: of the argument, for errors.
+        name: name of the argument, for errors.
         value: a part, or an argument of a part.
 
     Raises:

@@ -25,7 +25,7 @@ def initialize(
 
     Args:
         initializers: together they set each variable once.
-        variables: of the generator.
+        variables: variables of the generator.
         observation: B problems.
         count: starts a problem.
         seed: with the problems' keys it determines the random numbers.
@@ -56,7 +56,7 @@ def raw_starts(
     Args:
         who: sets them, for the errors.
         values: by name.
-        variables: of the generator.
+        variables: variables of the generator.
         observation: B problems.
         count: starts a problem.
 

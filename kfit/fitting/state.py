@@ -16,7 +16,7 @@ def first_state(raw: Variables, memory: Any, num_problems: int, num_starts: int,
 
     Args:
         raw: (B · S, \\*shape) of each variable.
-        memory: of the optimizer.
+        memory: memory of the optimizer.
         num_problems, num_starts, num_steps: B, S and the steps planned.
     """
     first = next(iter(raw.values()))
@@ -34,7 +34,7 @@ def advanced(state: FitState, step: int, new: Variables, found: Evaluation, memo
         step: number of steps taken.
         new: raw variables after the step.
         found: the evaluation before it.
-        memory: of the optimizer.
+        memory: memory of the optimizer.
     """
     better = found.ranking < state.best_energy  # False where the energy is NaN
     best = {

@@ -13,7 +13,7 @@ def drawn_fields(generator: Generator, like: Tensor) -> frozenset[str]:
 
     Args:
         generator: draws one row, of zeros.
-        like: of the precision and device that it draws in.
+        like: tensor whose dtype and device are used.
     """
     zeros = {name: like.new_zeros(1, *variable.shape) for name, variable in generator.variables.items()}
     with torch.no_grad():

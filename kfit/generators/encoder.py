@@ -27,7 +27,7 @@ class ConvEncoder(Encoder):
 
     Args:
         code_dim: D.
-        channels: of each convolution.
+        channels: number of channels of each convolution.
         hidden_dim: units between the linear layers.
         image_size: side of the input pictures.
         tint_grid: cells along each side over which the tint is averaged; 0 omits it.

@@ -41,7 +41,7 @@ class MeshRenderer(Generator):
         texture: (Ht, Wt, 3) RGB, uint8 or floating point in [0, 1].
         num_points: P; about 4 for each pixel that the object covers leave few holes.
         image_size: side S of the picture.
-        distance: of the camera from the object's centre, in diagonals.
+        distance: distance of the camera from the object's centre, in diagonals.
         unit_fraction: fraction of the picture's width that the bounding sphere's silhouette spans at scale 1.
 
     Raises:

@@ -124,7 +124,7 @@ def bent(displacement: Tensor, size: tuple[int, int], basis: Tensor | None) -> T
     Args:
         displacement: in half-widths and half-heights, x to the right, y downwards.
         size: (H, W).
-        basis: of `spline_basis`; None interpolates bicubically between the control points.
+        basis: result of `spline_basis`; None interpolates bicubically between the control points.
 
     Returns:
         (N, H, W, 2) in pixels.

@@ -10,9 +10,9 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from kfit.core.check import check_choice, check_count, check_list, check_range, check_rising
-from kfit.generators.rotation_head import _bins, _convolution, _Residual
-from kfit.geometry import Symmetry
+from kfit.core.check import check_count, check_list, check_range, check_rising
+from kfit.generators.rotation_head import _bins, _convolution, _Residual, azimuth_bins
+from kfit.geometry import Symmetry, check_symmetry
 from kfit.geometry.pose_network import PoseNetwork
 from kfit.runtime.old_weights import read_old_weights
 
@@ -25,8 +25,9 @@ class PoseHead(PoseNetwork):
     multiply-adds a picture.
 
     Args:
-        symmetry: of the category, see `kfit.geometry.CATEGORIES`; with ``"y"`` azimuth is free and has one bin.
-        channels: of the convolutions, one at each size.
+        symmetry: symmetry of the category, see `kfit.geometry.CATEGORIES`; with ``"y"`` azimuth is free and has one
+            bin.
+        channels: numbers of channels of the convolutions, one at each size.
         hidden_dim: units between the linear layers.
         bin_deg: width of a bin in degrees.
         elevation_deg: (low, high) of the valid poses in degrees.
@@ -53,7 +54,7 @@ class PoseHead(PoseNetwork):
         sigma_deg: float = 6.0,
         image_size: int = 64,
     ) -> None:
-        check_choice("PoseHead: symmetry", symmetry, ("none", "y"))
+        check_symmetry("PoseHead: symmetry", symmetry)
         check_list("PoseHead: channels", channels, None, check_count, 4)
         check_count("PoseHead: hidden_dim", hidden_dim)
         check_count("PoseHead: image_size", image_size, 2 ** len(channels))
@@ -63,7 +64,7 @@ class PoseHead(PoseNetwork):
         low, high = elevation_deg
         super().__init__(
             rolls=torch.zeros(1),
-            azimuths=_bins(-180, 180, 1 if symmetry == "y" else round(360 / bin_deg)),
+            azimuths=azimuth_bins(symmetry, bin_deg),
             elevations=_bins(low, high, max(1, round((high - low) / bin_deg))),
             symmetry=symmetry,
             sigma=math.radians(sigma_deg),

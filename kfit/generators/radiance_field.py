@@ -49,11 +49,11 @@ class RadianceField(Generator):
             and density; the grid has 4 · 2^len(volume_dims) cells along each side.
         num_samples: K, depths along a ray.
         image_size: S, side of the pictures.
-        distance: of the camera from the object's centre, in box diagonals, if ``focal`` is not passed.
+        distance: distance of the camera from the object's centre, in box diagonals, if ``focal`` is not passed.
         unit_fraction: fraction of the picture's width that the silhouette of the object's bounding sphere, whose
             diameter is the box diagonal, spans at every distance. ``lightning`` sets it from the data's category.
-        sides: of the box along x, y and z, in diagonals of the object; parts outside are not drawn. A smaller box has
-            finer cells. ``lightning`` sets it from the category of procedural data.
+        sides: sides of the box along x, y and z, in diagonals of the object; parts outside are not drawn. A smaller box
+            has finer cells. ``lightning`` sets it from the category of procedural data.
         refined: whether to correct pictures in 2D. Without it pixels are independent, so that training can draw a part
             of them (``pixel_stride``).
 

@@ -11,9 +11,9 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from kfit.core import Rendering
-from kfit.core.check import check_choice, check_count, check_list, check_range
+from kfit.core.check import check_count, check_list, check_range
 from kfit.generators.similarity_warp import warp
-from kfit.geometry import Symmetry
+from kfit.geometry import Symmetry, check_symmetry, num_turns
 from kfit.geometry.pose_network import PoseNetwork
 
 
@@ -30,8 +30,8 @@ class RotationHead(PoseNetwork):
     A stride-2 convolution for each level, all but the first followed by a residual one, then two linear layers.
 
     Args:
-        symmetry: of the category; with ``"y"`` azimuth is free and has one bin.
-        channels: of the levels, each of half the width and height of the previous one.
+        symmetry: symmetry of the category; with ``"y"`` azimuth is free and has one bin.
+        channels: numbers of channels of the levels, each of half the width and height of the previous one.
         hidden_dim: units between the linear layers.
         bin_deg: width of a bin in degrees; it must divide 180.
         sigma_deg: standard deviation of a target around the true rotation.
@@ -58,7 +58,7 @@ class RotationHead(PoseNetwork):
         sigma_deg: float = 7.0,
         image_size: int = 64,
     ) -> None:
-        check_choice("RotationHead: symmetry", symmetry, ("none", "y"))
+        check_symmetry("RotationHead: symmetry", symmetry)
         check_list("RotationHead: channels", channels, None, check_count, 4)
         check_count("RotationHead: hidden_dim", hidden_dim)
         check_count("RotationHead: image_size", image_size, 2 ** len(channels))
@@ -69,7 +69,7 @@ class RotationHead(PoseNetwork):
         turn = _bins(-180, 180, round(360 / bin_deg))
         super().__init__(
             rolls=2 * math.pi * torch.arange(len(turn)) / len(turn),
-            azimuths=torch.zeros(1) if symmetry == "y" else turn,
+            azimuths=azimuth_bins(symmetry, bin_deg),
             elevations=_bins(-90, 90, round(180 / bin_deg)),
             symmetry=symmetry,
             sigma=math.radians(sigma_deg),
@@ -145,6 +145,14 @@ def _convolution(a: int, b: int, stride: int) -> nn.Sequential:
 def _bins(low_deg: float, high_deg: float, count: int) -> Tensor:
     low, high = math.radians(low_deg), math.radians(high_deg)
     return low + (high - low) * (torch.arange(count) + 0.5) / count
+
+
+def azimuth_bins(symmetry: Symmetry, bin_deg: float) -> Tensor:
+    """Centres of azimuth bins in radians: over the part of a circle that tells poses apart, one where all are alike."""
+    turns = num_turns(symmetry)
+    if not turns:
+        return torch.zeros(1)
+    return _bins(-180 / turns, 180 / turns, max(1, round(360 / turns / bin_deg)))
 
 
 def _turned(image: Tensor, roll: Tensor) -> Tensor:

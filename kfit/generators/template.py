@@ -140,7 +140,7 @@ class Template(Generator):
         """Return the positions (N, H, W, 2), as (x, y) in template pixels, that the drawing samples.
 
         Args:
-            values: of the motion's variables, (N, \\*shape) each.
+            values: values of the motion's variables, (N, \\*shape) each.
         """
         with torch.autocast(self.pixels.device.type, enabled=False):
             if self.motion not in BENDING:
@@ -152,7 +152,7 @@ class Template(Generator):
         """Return matrices (N, 3, 3) from the template's pixels to the drawing's, pixel centres at integers.
 
         Args:
-            values: of the motion's variables, (N, \\*shape) each.
+            values: values of the motion's variables, (N, \\*shape) each.
 
         Raises:
             ValueError: if the motion is non-rigid, which is not a matrix.

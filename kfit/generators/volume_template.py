@@ -111,7 +111,7 @@ class VolumeTemplate(Generator):
         """Return the positions (N, D, H, W, 3), as (x, y, z) in template voxels, that the drawing samples.
 
         Args:
-            values: of the motion's variables, (N, \\*shape) each.
+            values: values of the motion's variables, (N, \\*shape) each.
         """
         inverse = torch.linalg.inv(self.matrix(**values))
         points = pixel_grid(inverse, self.size).view(1, -1, 3)
@@ -122,6 +122,6 @@ class VolumeTemplate(Generator):
         """Return matrices (N, 4, 4) from the template's voxels (x, y, z) to the drawing's, voxel centres at integers.
 
         Args:
-            values: of the motion's variables, (N, \\*shape) each.
+            values: values of the motion's variables, (N, \\*shape) each.
         """
         return volume_matrix_of(values, self.size)

@@ -18,7 +18,6 @@ from kfit.geometry.crop import Crop
 from kfit.geometry.exif import intrinsics_from_exif, was_cropped
 from kfit.geometry.observed_crop import depth_along, observed
 from kfit.geometry.pose import (
-    Symmetry,
     angles_from_rotation,
     azimuth_from_released,
     from_opencv,
@@ -34,10 +33,12 @@ from kfit.geometry.refiner_network import (
     rotation_update,
     updated_rotation,
 )
+from kfit.geometry.symmetry import SYMMETRIES, Symmetry, check_symmetry, num_turns, turns_about_y
 
 __all__ = [
     "CATEGORIES",
     "EDGES",
+    "SYMMETRIES",
     "UNIT_FRACTION",
     "Category",
     "Crop",
@@ -48,6 +49,7 @@ __all__ = [
     "angles_from_rotation",
     "azimuth_from_released",
     "box_corners",
+    "check_symmetry",
     "depth_along",
     "diagonal_at",
     "distance_by_focal",
@@ -56,6 +58,7 @@ __all__ = [
     "from_opencv",
     "intrinsics_from_exif",
     "intrinsics_from_fov",
+    "num_turns",
     "observed",
     "pose_from_crop",
     "project",
@@ -66,6 +69,7 @@ __all__ = [
     "rotation_sigma_deg",
     "rotation_update",
     "to_opencv",
+    "turns_about_y",
     "updated_rotation",
     "viewing_ray",
     "viewing_ray_rotation",

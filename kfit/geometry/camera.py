@@ -161,7 +161,7 @@ def pose_from_crop(
         scale: (N,) above 0.
         crop: the fitted square.
         intrinsics: (3, 3) or (N, 3, 3) of the photo.
-        diagonal: of the object's bounding box in metres, a number or (N,).
+        diagonal: diagonal of the object's bounding box in metres, a number or (N,).
         unit_fraction: fraction of the picture's width that the bounding sphere's silhouette spans at scale 1.
 
     Returns:

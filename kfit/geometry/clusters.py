@@ -8,7 +8,8 @@ import torch
 from torch import Tensor
 
 from kfit.core.check import check_positive, check_range
-from kfit.geometry.pose import Symmetry, rotation_error
+from kfit.geometry.pose import rotation_error
+from kfit.geometry.symmetry import Symmetry
 
 # Rotations closer than this count as one pose, and an estimate weighs exp(−(E − E_best) / (0.1 · E_best)).
 WITHIN_DEG = 20.0
@@ -27,7 +28,7 @@ def rotation_clusters(
     Args:
         rotation: (N, 3, 3) in the same frame.
         energy: (N,), lower is better.
-        symmetry: of the object; ``"y"`` ignores rotations about its vertical axis.
+        symmetry: symmetry of the object; ``"y"`` ignores rotations about its vertical axis.
         within_deg: largest angle from the best member, in [0°, 180°].
 
     Example:
@@ -70,7 +71,7 @@ def rotation_sigma_deg(rotation: Tensor, weight: Tensor, centre: Tensor, symmetr
         rotation: (N, 3, 3).
         weight: (N,), not all 0.
         centre: (3, 3), from which the angles d are measured.
-        symmetry: of the object; with ``"y"`` d is the angle between vertical axes.
+        symmetry: symmetry of the object; with ``"y"`` d is the angle between vertical axes.
 
     Example:
         >>> import torch

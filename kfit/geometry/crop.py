@@ -30,7 +30,7 @@ class Crop:
     Attributes:
         centre: (x, y) in pixels of the photo; fractions are allowed.
         side: in pixels of the photo.
-        size: of the picture in its own pixels.
+        size: size of the picture in its own pixels.
 
     Raises:
         TypeError, ValueError: if a number is not finite, or ``side`` or ``size`` is not above 0.
@@ -62,7 +62,7 @@ class Crop:
 
         Args:
             mask: (H, W) array or tensor, above 1/2 on the object.
-            size: of the picture.
+            size: size of the picture.
 
         Raises:
             ValueError: if the mask is empty or has another shape.

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Literal, TypeVar
+from typing import TypeVar
 
 import numpy as np
 import torch
 from kornia.geometry.conversions import axis_angle_to_rotation_matrix
 from torch import Tensor
 
-from kfit.core.check import check_choice
+from kfit.geometry.symmetry import Symmetry, check_symmetry, num_turns, turns_about_y
 
-Symmetry = Literal["none", "y"]
 Angles = TypeVar("Angles", Tensor, "np.ndarray")
 
 
@@ -128,11 +127,12 @@ def rotation_error(a: Tensor, b: Tensor, symmetry: Symmetry = "none") -> Tensor:
 
     ``"none"``: with m = aᵀb, atan2(‖m − mᵀ‖ / √8, (tr m − 1) / 2), Frobenius norm: the sine and the cosine of the
     angle, which unlike the arc cosine alone is precise near 0 and π. ``"y"``: angle between the vertical axes
-    a·ŷ and b·ŷ, for objects with rotational symmetry about them.
+    a·ŷ and b·ŷ, for objects with rotational symmetry about them. ``"y2"`` to ``"y12"``: the least angle to b turned by
+    360° · k / K about its vertical axis.
 
     Args:
         a, b: (…, 3, 3) in the same frame; they broadcast.
-        symmetry: of the object, see `kfit.geometry.Category`.
+        symmetry: symmetry of the object, see `kfit.geometry.Category`.
 
     Returns:
         (…) in [0, π].
@@ -147,11 +147,14 @@ def rotation_error(a: Tensor, b: Tensor, symmetry: Symmetry = "none") -> Tensor:
         >>> rotation_error(torch.eye(3), turned), rotation_error(torch.eye(3), turned, "y")
         (tensor(0.5000), tensor(0.))
     """
-    check_choice("symmetry", symmetry, ("none", "y"))
+    check_symmetry("symmetry", symmetry)
     if symmetry == "y":
         up_a, up_b = a[..., :, 1], b[..., :, 1]
         # The half angle's tangent is ‖u − v‖ / ‖u + v‖ (Kahan), which is precise near 0 and near π.
         return 2 * torch.atan2((up_a - up_b).norm(dim=-1), (up_a + up_b).norm(dim=-1))
+    if symmetry != "none":
+        turned = b[..., None, :, :] @ turns_about_y(num_turns(symmetry)).to(b)
+        return rotation_error(a[..., None, :, :], turned).amin(-1)
     turn = a.mT @ b
     sine = (turn - turn.mT).flatten(-2).norm(dim=-1) / 8**0.5
     cosine = (turn.diagonal(dim1=-2, dim2=-1).sum(-1) - 1) / 2

@@ -11,7 +11,8 @@ from torch import Tensor, nn
 from torch.nn.functional import log_softmax
 
 from kfit.core import Observation, frozen
-from kfit.geometry.pose import Symmetry, rotation_from_angles
+from kfit.geometry.pose import rotation_from_angles
+from kfit.geometry.symmetry import Symmetry, num_turns, turns_about_y
 
 
 class PoseNetwork(nn.Module, ABC):
@@ -21,8 +22,9 @@ class PoseNetwork(nn.Module, ABC):
 
     Args:
         rolls, azimuths, elevations: (R,), (A,) and (E,) centres of the bins in radians, increasing in even steps. R is
-            1 if the network does not predict roll, A is 1 if the object has the symmetry ``"y"``.
-        symmetry: of the objects.
+            1 if the network does not predict roll, A is 1 if the object has the symmetry ``"y"``; with ``"y2"`` to
+            ``"y12"`` azimuths span that part of a circle.
+        symmetry: symmetry of the objects.
         sigma: standard deviation in radians of the training targets around the true rotation.
 
     Example:
@@ -80,7 +82,8 @@ class PoseNetwork(nn.Module, ABC):
 
         It is the isotropic matrix Fisher distribution (Khatri and Mardia 1977) over the bins,
         q_b ∝ v_b · exp(−(3 − tr(R_bᵀ R)) / 2σ²), where v_b is the bin's volume: near R, 3 − tr is the squared angle.
-        With the symmetry ``"y"`` the angle is that between the vertical axes u: q_b ∝ v_b · exp(−(1 − u_b · u) / σ²).
+        With the symmetry ``"y"`` the angle is that between the vertical axes u: q_b ∝ v_b · exp(−(1 − u_b · u) / σ²);
+        with ``"y2"`` to ``"y12"`` it is the least to the bin turned about its vertical axis.
 
         Args:
             azimuth, elevation, roll: (N,) in radians; roll is ignored where the network does not predict it.
@@ -95,7 +98,15 @@ class PoseNetwork(nn.Module, ABC):
         with torch.autocast(rotation.device.type, enabled=False):
             if self.symmetry == "y":
                 return 1 - rotation[:, :, 1] @ self.rotations[:, :, 1].mT
-            return (3 - rotation.flatten(1) @ self.rotations.flatten(1).mT) / 2
+            return torch.stack([(3 - rotation.flatten(1) @ bins.flatten(1).mT) / 2 for bins in self.turned()]).amin(0)
+
+    def turned(self) -> list[Tensor]:
+        """The bins' rotations (B, 3, 3), turned about the vertical axis by each turn that leaves the object unchanged.
+
+        Where all turns do, it is the bins as they are.
+        """
+        turns = turns_about_y(num_turns(self.symmetry) or 1).to(self.rotations)
+        return [self.rotations @ turn for turn in turns[1:]] + [self.rotations]
 
 
 def with_prediction(observation: Observation, network: PoseNetwork) -> Observation:

@@ -11,7 +11,7 @@ from torch import Tensor, nn
 
 from kfit.core.check import check_choice
 from kfit.core.part import Part
-from kfit.geometry.pose import Symmetry
+from kfit.geometry.symmetry import Symmetry
 
 # Below this the axis of a rotation between two directions is not defined.
 _SMALLEST = 1e-6

@@ -87,11 +87,15 @@ class PosePosterior(Initializer):
         """Return the mean rotations (B · S, 3, 3) around the peaks."""
         rotations = self.head.rotations
         probability = log_probability.double().exp().repeat_interleave(len(peaks) // len(log_probability), 0)
-        near = self.head.one_minus_cosine(rotations[peaks]) < 1 - math.cos(AROUND * self.head.sigma)
-        weight = near * probability.clamp_min(1e-12)  # an unlikely peak's bins may underflow
-        mean = (weight @ rotations.double().flatten(1)).unflatten(1, (3, 3))
+        probability = probability.clamp_min(1e-12)  # an unlikely peak's bins may underflow
+        least = math.cos(AROUND * self.head.sigma)
         if self.head.symmetry == "y":
-            return _with_axis(mean[:, :, 1])
+            near = self.head.one_minus_cosine(rotations[peaks]) < 1 - least
+            return _with_axis((near * probability) @ rotations.double()[:, :, 1])
+        mean = probability.new_zeros(len(peaks), 3, 3)
+        for bins in self.head.turned():  # of a symmetric object those that lie near the peak as they are
+            near = (rotations[peaks].flatten(1) @ bins.flatten(1).mT - 1) / 2 > least
+            mean = mean + ((near * probability) @ bins.double().flatten(1)).unflatten(1, (3, 3))
         failed = mean.isnan().any(-1, keepdim=True).any(-2, keepdim=True)
         left, _, right = torch.linalg.svd(mean.masked_fill(failed, 0.0))
         turn = torch.ones_like(mean[:, 0])

@@ -86,8 +86,8 @@ def predictions_of(result: Mapping[str, Any], category: Category, poses: str = "
     """Return the predictions of a category by decreasing score; a pose that is all 0 or not finite is no pose.
 
     Args:
-        result: of one image.
-        category: of the predictions.
+        result: result of one image.
+        category: category of the predictions.
         poses: key of the poses.
 
     Raises:

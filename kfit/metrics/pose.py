@@ -13,7 +13,7 @@ def rotation_error_deg(prediction: Tensor, target: Tensor, symmetry: Symmetry = 
 
     Args:
         prediction, target: (…, 3, 3).
-        symmetry: of the object, see `kfit.geometry.CATEGORIES`.
+        symmetry: symmetry of the object, see `kfit.geometry.CATEGORIES`.
 
     Returns:
         (…) in [0, 180].

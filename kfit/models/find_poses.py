@@ -110,4 +110,4 @@ def pose_in_views(
 ) -> PoseResult:
     """The pose of one object that was found in each of several photos, in the first one's camera."""
     answer = model.pose(photos, intrinsics=intrinsics, relative_poses=relative_poses, segmenter=targets, seed=seed)
-    return with_score(answer, min(targets, key=lambda target: target.score))
+    return with_score(answer, min(targets, key=lambda target: 1.0 if target.score is None else target.score))

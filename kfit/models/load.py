@@ -8,8 +8,8 @@ from pathlib import Path
 import torch
 
 from kfit.core import Encoder, Generator
-from kfit.models.files import read_model
 from kfit.pose.category_model import CategoryModel
+from kfit.pose.model_files import read_model
 from kfit.runtime.devices import safe_after_fork
 
 _log = logging.getLogger(__name__)

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import torch
+import yaml  # type: ignore[import-untyped]
 from torch import nn
 
 from kfit import __version__
 from kfit.data.rasterizer import DISTANCE
 from kfit.data.shapes import VERSION
-from kfit.geometry import CATEGORIES
-from kfit.models.files import read_checkpoint, read_model, write_model
+from kfit.geometry import CATEGORIES, Category
 from kfit.models.released_model import released_model
 from kfit.pose.card import Card
+from kfit.pose.model_files import read_checkpoint, read_model, write_model
+
+# Of recipes, what is of the machine alone.
+FOLDERS = ("cache_dir", "default_root_dir", "ckpt_path", "config", "dirpath", "save_dir", "root_dir")
 
 
 def pack(
@@ -28,13 +33,14 @@ def pack(
     """Write a model file.
 
     Args:
-        checkpoint: of `kfit.training.ConditionalVAE`, or with a category a released one; or a model's file, which
-            gets another pose head and loses the measurements of the old one.
+        checkpoint: checkpoint of `kfit.training.ConditionalVAE`, or with a category a released one; or a model's file,
+            which gets another pose head and loses the measurements of the old one.
         out: path of the .safetensors file.
         pose_head: a checkpoint of `kfit.training.PoseTraining`, or a model's file, whose head is taken.
-        pose_weight: of the pose head in a fit, at least 0.
+        pose_weight: weight of the pose head in a fit, at least 0.
         command: the training command, for the card.
-        category: of a released checkpoint, which does not name it; see `kfit.models.released_model.released_model`.
+        category: category of a released checkpoint, which does not name it; see
+            `kfit.models.released_model.released_model`.
 
     Raises:
         FileNotFoundError: if a file is missing.
@@ -60,16 +66,12 @@ def _trained(path: Path, command: str | None) -> tuple[dict[str, nn.Module], Car
     """Return networks of a checkpoint of `lightning fit`, and a card of their training."""
     networks, saved = read_checkpoint(path)
     model, data = saved["hyper_parameters"], _told(saved)
-    category = CATEGORIES[data["category"]]
+    category = _category_of(data["category"])
     return networks, Card(
         category=category.name,
         networks={name: model[name] for name in networks},
         distance=DISTANCE,
-        unit_fraction=category.unit_fraction,
-        elevation_deg=category.elevation_deg,
-        axes=category.axes,
-        symmetry=category.symmetry,
-        mean_diagonal=category.mean_diagonal,
+        **Card.fields_of(category),
         training={
             "command": command or "unknown",
             "data": data | {"shapes_version": VERSION},
@@ -78,6 +80,7 @@ def _trained(path: Path, command: str | None) -> tuple[dict[str, nn.Module], Car
             "kl_weight": model["kl_weight"],
             "kfit": __version__,
             "torch": torch.__version__,
+            "provenance": _provenance(saved),
         },
     )
 
@@ -91,8 +94,33 @@ def _head(path: Path) -> tuple[nn.Module, dict[str, Any], str, Any]:
         return networks["pose_head"], card.networks["pose_head"], card.category, card.training.get("pose_head")
     found, learned = read_checkpoint(path, ("pose_head",))
     training_data = _told(learned)
-    trained = {"data": training_data, "steps": int(learned["global_step"])}
-    return found["pose_head"], learned["hyper_parameters"]["pose_head"], training_data["category"], trained
+    trained = {"data": training_data, "steps": int(learned["global_step"]), "provenance": _provenance(learned)}
+    of = _category_of(training_data["category"]).name
+    return found["pose_head"], learned["hyper_parameters"]["pose_head"], of, trained
+
+
+def _category_of(told: Any) -> Category:
+    """The category that a checkpoint tells, by name or by its fields."""
+    if isinstance(told, str) and told in CATEGORIES:
+        return CATEGORIES[told]
+    if not isinstance(told, Mapping):
+        raise ValueError(f"the checkpoint is of the category {str(told)[:100]!r}, of which it tells nothing else")
+    return Category.of_dict(told)
+
+
+def _provenance(saved: dict[str, Any]) -> dict[str, Any] | None:
+    """What `kfit.training.Provenance` wrote, with the recipe as plain values and without folders of the machine."""
+    facts = saved.get("kfit")
+    if not isinstance(facts, dict):
+        return None
+    recipe = yaml.safe_load(facts["recipe"]) if isinstance(facts.get("recipe"), str) else None
+    return facts | {"recipe": _without_folders(recipe)}
+
+
+def _without_folders(recipe: Any) -> Any:
+    if isinstance(recipe, dict):
+        return {key: _without_folders(value) for key, value in recipe.items() if key not in FOLDERS}
+    return [_without_folders(value) for value in recipe] if isinstance(recipe, list) else recipe
 
 
 def _told(saved: dict[str, Any]) -> dict[str, Any]:

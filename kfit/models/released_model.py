@@ -27,8 +27,8 @@ def released_model(path: str | Path, category: str) -> tuple[dict[str, nn.Module
     nor depth, so a fit compares pictures alone.
 
     Args:
-        path: of the checkpoint.
-        category: of its training data, which the file does not name.
+        path: path of the checkpoint.
+        category: category of its training data, which the file does not name.
 
     Raises:
         FileNotFoundError: if there is no such file.
@@ -46,11 +46,7 @@ def released_model(path: str | Path, category: str) -> tuple[dict[str, nn.Module
             name: {"class_path": f"kfit.generators.{kind}", "init_args": sizes[name]} for name, kind in classes.items()
         },
         distance=DISTANCE,
-        unit_fraction=1.0,
-        elevation_deg=known.elevation_deg,
-        axes=known.axes,
-        symmetry=known.symmetry,
-        mean_diagonal=known.mean_diagonal,
+        **Card.fields_of(known) | {"unit_fraction": 1.0},
         training={
             "source": "a released checkpoint of xuchen-ethz/neural_object_fitting@7309348",
             "assumed": f"extents: mean of {OBJECTS} procedural objects; unit_fraction and distance: not in the file",

@@ -24,7 +24,7 @@ class GaussNewton(Optimizer):
     increase the energy, which the pipeline's best-so-far tolerates, and it costs a fraction.
 
     Args:
-        lengths: of the differences, by variable, in raw units (half-turns for angles).
+        lengths: lengths of the differences, by variable, in raw units (half-turns for angles).
         damping: λ.
         reach: limit of each number's step, as a multiple of its length.
 

@@ -13,7 +13,7 @@ def normal(seeds: Tensor, shape: Sequence[int], like: Tensor) -> Tensor:
 
     Args:
         seeds: (N,) whole numbers.
-        shape: of one row.
+        shape: shape of one row.
         like: gives type and device; the numbers are drawn on the CPU, so they are the same on every device.
     """
     rng = torch.Generator()

@@ -32,9 +32,9 @@ def calibrate(
     Args:
         features: result of `kfit.pose.confidence.evidence` for each.
         right: whether each is right.
-        energy: of each.
+        energy: energy of each.
         fits: how they were fitted, as returned by `kfit.pose.confidence.how_fitted`.
-        seed: of the views.
+        seed: seed of the views.
     """
     found = {"seed": seed, "right answers": len(distances), **reliability(cross_validated(features, right), right)}
     energy_99, factor = float(np.quantile(energy, 0.99)), covariance_factor(distances)

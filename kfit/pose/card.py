@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-from kfit.core.check import check_choice, check_dict, check_names, check_range, check_rising, check_text
+from kfit.core.check import check_dict, check_names, check_range
 from kfit.geometry import CATEGORIES, Category
 from kfit.pose.confidence import Calibration
 
@@ -16,6 +16,11 @@ FORMAT = 1
 KINDS = ("RGB", "RGB-D")
 NETWORKS = ("generator", "encoder", "extents")
 OPTIONAL = ("pose_head",)
+# Fields of `kfit.geometry.Category` that are the card's own too.
+OF_CATEGORY = (
+    *("mean_diagonal", "symmetry", "diagonals", "unit_fraction", "sides", "axes", "elevation_deg", "upright"),
+    *("mirror", "shapes", "front"),
+)
 # Characters; bundled cards have some thousands.
 LARGEST = 10_000_000
 
@@ -25,18 +30,20 @@ class Card:
     """Description of a model, stored as JSON in the metadata of its file.
 
     Attributes:
-        category: one of the NOCS categories.
+        category: its name; `known` has all that the card holds of it.
         networks: class and arguments of ``generator``, ``encoder`` and ``extents``, as in recipes.
-        distance: of the training camera from the object's centre, in box diagonals.
+        distance: distance of the training camera from the object's centre, in box diagonals.
         unit_fraction: fraction of the picture's width that a unit diagonal at the object's centre spans, at scale 1.
         elevation_deg: range of elevations in training.
         axes: orientation of the object in its frame, in words.
-        symmetry: ``"none"`` or ``"y"``.
+        symmetry: as in `kfit.geometry.Category`, and so are ``diagonals``, ``sides``, ``upright``, ``mirror``,
+            ``shapes`` and ``front``.
         mean_diagonal: in metres; it determines translation and size from colour alone.
         pose_weight: weight of the pose head's prior relative to the energies of the picture.
         training: command, data, number of pairs, seed, versions.
         accuracy: measured figures, by the name of the test set.
-        calibration: of the confidence, for fits of ``"RGB"`` and of ``"RGB-D"``, if `kfit calibrate` measured it.
+        calibration: calibration of the confidence, for fits of ``"RGB"`` and of ``"RGB-D"``, if `kfit calibrate`
+            measured it.
         format: version of this layout.
 
     Example:
@@ -55,6 +62,12 @@ class Card:
     axes: str
     symmetry: str
     mean_diagonal: float
+    diagonals: tuple[float, float] | None = None
+    sides: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    upright: float = 0.5
+    mirror: bool = True
+    shapes: str | None = None
+    front: str | None = None
     pose_weight: float = 2.0
     training: dict[str, Any] = field(default_factory=dict)
     accuracy: dict[str, Any] = field(default_factory=dict)
@@ -62,23 +75,26 @@ class Card:
     format: int = FORMAT
 
     def __post_init__(self) -> None:
-        check_choice("category", self.category, list(CATEGORIES))
         check_dict("networks", self.networks, check_dict, _anything)
         check_names("networks", self.networks, (*NETWORKS, *OPTIONAL))
         check_range("distance", self.distance, 1, 1e6)
-        check_range("unit_fraction", self.unit_fraction, 0.1, 10)
-        check_rising("elevation_deg", self.elevation_deg, -90, 90)
-        check_text("axes", self.axes)
-        check_choice("symmetry", self.symmetry, ("none", "y"))
-        check_range("mean_diagonal", self.mean_diagonal, 1e-4, 1e4)
         check_range("pose_weight", self.pose_weight, 0, 1e6)
         check_dict("training", self.training, _anything)
         check_dict("accuracy", self.accuracy, _anything)
+        known = self.known  # which checks the fields of the category
+        self.elevation_deg, self.diagonals, self.sides = known.elevation_deg, known.diagonals, known.sides
 
     @property
     def known(self) -> Category:
-        """The category's entry in `kfit.geometry.CATEGORIES`."""
-        return CATEGORIES[self.category]
+        """The category, by what the card tells of it."""
+        fields = {name: getattr(self, name) for name in OF_CATEGORY}
+        own = CATEGORIES.get(self.category)
+        return Category(self.category, **fields, nocs_id=None if own is None else own.nocs_id)
+
+    @staticmethod
+    def fields_of(category: Category) -> dict[str, Any]:
+        """Fields of the card that tell of a category, but its name."""
+        return {name: getattr(category, name) for name in OF_CATEGORY}
 
     def to_json(self) -> str:
         """Return the card as text, which `of_json` reads."""
@@ -90,7 +106,7 @@ class Card:
 
         Args:
             text: JSON.
-            path: of its file, for messages.
+            path: path of its file, for messages.
 
         Raises:
             ValueError: if it is not a card of this version.
@@ -103,7 +119,11 @@ class Card:
             raise ValueError(f"{path} holds no model card: {error}") from None
         names = {f.name for f in fields(Card)}
         if isinstance(content, dict):
-            content = {"calibration": {}, **content}  # older cards have none
+            # Older cards have no calibration, and only the name of their category.
+            own = CATEGORIES.get(str(content.get("category")))
+            filled = {} if own is None else Card.fields_of(own)
+            filled = {name: value for name, value in filled.items() if name not in content}
+            content = {"calibration": {}, **filled, **content}
         if not isinstance(content, dict) or set(content) != names or content["format"] != FORMAT:
             raise ValueError(
                 f"{path} holds no model card of format {FORMAT}: it must have just {', '.join(sorted(names))}"
@@ -118,7 +138,6 @@ class Card:
             card = Card(**{**content, "calibration": calibration})
         except (ValueError, TypeError) as error:
             raise ValueError(f"{path} holds a model card that cannot be used: {error}") from None
-        card.elevation_deg = (card.elevation_deg[0], card.elevation_deg[1])
         return card
 
 

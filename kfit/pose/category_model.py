@@ -31,6 +31,7 @@ from kfit.pose.card import Card
 from kfit.pose.covariance import pose_covariance
 from kfit.pose.default_fit import default_fit
 from kfit.pose.defaults import default_energies
+from kfit.pose.hub_model import HubModel
 from kfit.pose.hypotheses import fitted_rotations, hypotheses_of
 from kfit.pose.interpretation import interpret
 from kfit.pose.observed_object import ObservedObject
@@ -41,11 +42,11 @@ from kfit.runtime.devices import safe_after_fork
 from kfit.segmentation import Segmenter
 
 
-class CategoryModel:
+class CategoryModel(HubModel):
     """The networks of one category, and the fit that explains photos with them.
 
     Args:
-        generator: of ``code``, ``azimuth`` and ``elevation``.
+        generator: generator with ``code``, ``azimuth`` and ``elevation``.
         encoder: picture → Gaussian over the code.
         extents: code → the object's normalised sides.
         card: description of the networks.
@@ -118,7 +119,7 @@ class CategoryModel:
                 fitted one, with the prior `kfit.energies.LensPrior`.
             views: box diagonal in metres at which fits to several views of each object start, whose cameras determine
                 distance and size; None for one view.
-            energies: of drawing and photo, by name and with their weights, instead of the first three.
+            energies: energies between rendering and photo, by name and with their weights, instead of the first three.
         """
         if energies is None:
             energies = {name: one for name, one in default_energies().items() if one[0].on in self.drawn}
@@ -189,7 +190,7 @@ class CategoryModel:
             FileNotFoundError, ValueError: if inputs cannot be used, in one sentence.
         """
         observed, observation = observe(
-            image, self.card.category, self.image_size, mask, box, intrinsics, depth, ignore, relative_poses, segmenter
+            image, self.card.known, self.image_size, mask, box, intrinsics, depth, ignore, relative_poses, segmenter
         )
         if pipeline is None and observation.views > 1:
             start = triangulated_diagonal(observation, self.card.unit_fraction, self.card.mean_diagonal)
@@ -234,9 +235,9 @@ class CategoryModel:
         """Return the answers of a fit, one for each problem; None if all its starts failed.
 
         Args:
-            fit: of B problems.
+            fit: fit of B problems.
             observed: B objects.
-            observation: that was fitted, as `read` returned it.
+            observation: observation that was fitted, as `read` returned it.
         """
         with torch.no_grad():
             extents = self.extents(fit.values["code"].to(self.device)).double().cpu()
@@ -261,4 +262,4 @@ class CategoryModel:
         if isinstance(generator, RadianceField):
             surface = partial(generator.surface, fit.values["code"][0].to(self.device))
         covariance = partial(pose_covariance, fit, observed, self.card, self.draw)
-        return interpret(self.card.category, fit, observed, placed, hypotheses, drawing, self.draw, covariance, surface)
+        return interpret(self.card.known, fit, observed, placed, hypotheses, drawing, self.draw, covariance, surface)

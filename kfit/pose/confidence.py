@@ -33,7 +33,7 @@ class Calibration:
     """Logistic model of whether an answer is right, p = σ(bias + Σ_k c_k · evidence_k), and its domain.
 
     Attributes:
-        bias: of the logit.
+        bias: bias of the logit.
         coefficients: c_k ≥ 0 by the names that `evidence` returns.
         energy_99: 99 % of the held-out views' winners have a lower energy.
         fits: how those views were fitted, as returned by `how_fitted`.
@@ -119,11 +119,11 @@ def confidence(
     its own calibration, whose other terms are that high by the calibration of fits without depth.
 
     Args:
-        calibration: of the model.
-        fit: of one problem.
+        calibration: calibration of the model.
+        fit: fit of one problem.
         found: its alternatives, the answer first.
         head_share: the share of probability that a pose head gives the answer, if there is one.
-        by_looks: of the model's fits without depth.
+        by_looks: calibration of the model's fits without depth.
     """
     share = "it is the answer's share of the starts' weight, and no probability of being right"
     if calibration is None:

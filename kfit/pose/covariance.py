@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from kfit.core import FitResult, Observation, Rendering, Variables
-from kfit.geometry import Symmetry, angles_from_rotation, energy_weights
+from kfit.geometry import Symmetry, angles_from_rotation, energy_weights, num_turns, turns_about_y
 from kfit.pose.card import Card
 from kfit.pose.confidence import UNMEASURED
 from kfit.pose.hypotheses import fitted_rotations
@@ -90,16 +90,20 @@ def pose_covariance(
 def rotation_offset(turned: Tensor, rotation: Tensor, symmetry: Symmetry) -> Tensor:
     """Rotation vectors ω (N, 3) with turned = exp([ω]×) · rotation, in radians and the camera's axes.
 
-    With symmetry ``"y"``, the smallest that takes one vertical axis to the other, across which it stands.
+    With symmetry ``"y"``, the smallest that takes one vertical axis to the other, across which it stands; with ``"y2"``
+    to ``"y12"`` the smallest to a pose of the same look.
 
     Args:
         turned: (N, 3, 3).
         rotation: (N, 3, 3) or (1, 3, 3).
-        symmetry: of the object.
+        symmetry: symmetry of the object.
     """
-    if symmetry == "none":
-        vectors: Tensor = rotation_matrix_to_axis_angle(turned @ rotation.mT)
-        return vectors
+    if symmetry != "y":
+        # Of the turns that leave the object unchanged the one that makes the vector shortest.
+        turns = turns_about_y(num_turns(symmetry)).to(rotation)
+        vectors = torch.stack([rotation_matrix_to_axis_angle(turned @ turn @ rotation.mT) for turn in turns])
+        shortest: Tensor = vectors.gather(0, vectors.norm(dim=2).argmin(0).view(1, -1, 1).expand(1, -1, 3))[0]
+        return shortest
     up, to = rotation[..., 1].expand_as(turned[..., 1]), turned[..., 1]
     across = torch.linalg.cross(up, to)
     sine = across.norm(dim=1, keepdim=True)
@@ -116,7 +120,7 @@ def size_log_sd(values: Variables, card: Card) -> float:
     """
     if "distance" in values or "diagonal" in values:
         return DISTANCE_LOG_SD
-    least, most = card.known.diagonals
+    least, most = card.known.size_range
     return math.log(most / least) / 6
 
 

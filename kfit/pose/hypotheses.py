@@ -56,9 +56,9 @@ def hypotheses_of(
     """Interpret the surviving starts of a fit of one problem.
 
     Args:
-        fit: of one problem, on the CPU.
+        fit: fit of one problem, on the CPU.
         turn: (3, 3) from OpenCV axes of the fitted crop to those of the photo.
-        card: of the model.
+        card: card of the model.
         head: the model's pose head, if it has one.
         log_probability: (B,) of the head's bins for the picture.
     """
@@ -78,7 +78,7 @@ def alternatives(fit: FitResult, turn: Tensor, symmetry: Symmetry) -> list[Alter
     Args:
         fit: with ``azimuth``, ``elevation`` and ``roll``.
         turn: (3, 3) from OpenCV axes of the fitted crop to those of the photo.
-        symmetry: of the object.
+        symmetry: symmetry of the object.
     """
     rotation, energy = turn @ to_opencv(fitted_rotations(fit.all_values)), fit.all_energy.double()
     weight = energy_weights(energy)
@@ -103,7 +103,7 @@ def head_probability(fit: FitResult, log_probability: Tensor, head: PoseNetwork,
         fit: with ``azimuth``, ``elevation`` and ``roll``.
         log_probability: (B,) of the head's bins for the picture.
         head: the pose head; where it does not predict roll, the answer's roll is taken.
-        symmetry: of the object.
+        symmetry: symmetry of the object.
     """
     rotation = fitted_rotations(fit.values)[0]
     if not head.predicts_roll:
@@ -124,7 +124,7 @@ def ambiguity_warning(found: list[Alternative], head_share: float | None, symmet
     Args:
         found: the answer first.
         head_share: the share of probability that a pose head gives the answer, if there is one.
-        symmetry: of the object.
+        symmetry: symmetry of the object.
     """
     if len(found) > 1 and found[0].weight < MIN_START_WEIGHT:
         answer, other = (torch.from_numpy(group.rotation) for group in found[:2])

@@ -12,7 +12,7 @@ from torch import Tensor
 from kfit.core import FitResult, Rendering, Variables
 from kfit.energies.lens_prior import DISTANCE_SPREAD, FOCAL_SPREAD
 from kfit.generators.surface import Surface
-from kfit.geometry import CATEGORIES, with_focal
+from kfit.geometry import Category, with_focal
 from kfit.pose.confidence import DOUBTFUL
 from kfit.pose.hypotheses import PoseHypotheses
 from kfit.pose.object_depth import wrong_size
@@ -30,7 +30,7 @@ FOCAL_LOG_SD = {
 
 
 def interpret(
-    category: str,
+    category: Category,
     fit: FitResult,
     observed: ObservedObject,
     placed: tuple[Tensor, Tensor, Tensor],
@@ -59,12 +59,14 @@ def interpret(
         if "focal" in fit.values:
             camera = with_focal(camera, fit.values["focal"][0].double() * observed.crop.side)
         notes.append(_lens_note(camera, max(observed.image.shape[:2])))
-    size_doubt = wrong_size(CATEGORIES[category], float(size.norm())) if "distance" in fit.values else None
+    size_doubt = wrong_size(category, float(size.norm())) if "distance" in fit.values else None
     most = DOUBTFUL if observed.doubtful or size_doubt is not None else 1.0
     rows, columns = (np.flatnonzero((observed.mask > 0.5).any(axis)) for axis in (1, 0))
     left, top = int(columns[0]), int(rows[0])
     return PoseResult(
-        category=category,
+        category=category.name,
+        symmetry=category.symmetry,
+        front=category.front,
         rotation=rotation.numpy(),
         translation=translation.numpy(),
         size=size.numpy(),

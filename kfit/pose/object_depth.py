@@ -49,7 +49,7 @@ def object_depth(
         depth: (H, W) in metres along the camera's axis; values that are not finite or not above 0 are unknown.
         mask: (H, W), above 1/2 on the object.
         intrinsics: (3, 3).
-        category: of the object.
+        category: category of the object.
 
     Returns:
         (H, W) with NaN where the object's depth is unknown; notes; and doubts, which limit the confidence to 50 %.
@@ -62,7 +62,7 @@ def object_depth(
     if not known.any():
         raise ValueError("depth is unknown everywhere on the object: no number there is above 0")
     outline = _outline(there, float(np.median(depth[known])), intrinsics)
-    least, most = category.diagonals
+    least, most = category.size_range
     if not NARROW * least <= outline <= WIDE * most:
         raise ValueError(_sentence(category, outline))
     length = min(most, DEEP * outline)
@@ -86,7 +86,7 @@ def object_depth(
 
 def wrong_size(category: Category, diagonal: float) -> str | None:
     """Return a sentence if a box diagonal in metres, found by depth, is outside of the category's range."""
-    least, most = category.diagonals
+    least, most = category.size_range
     if least <= diagonal <= most:
         return None
     return f"{_sentence(category, diagonal)}; the confidence is 50 % at most"
@@ -100,7 +100,7 @@ def _outline(there: NDArray[np.bool_], distance: float, intrinsics: Tensor) -> f
 
 
 def _sentence(category: Category, diagonal: float) -> str:
-    least, most = category.diagonals
+    least, most = category.size_range
     message = (
         f"depth makes the {category.name} {diagonal:.3g} m large, but the diagonal of a {category.name}'s box is "
         f"between {least:g} and {most:g} m"

@@ -54,16 +54,21 @@ class FoundObject(Segmenter):
     """An object in a photo; as a segmenter it returns its mask.
 
     Attributes:
-        category: one of `kfit.geometry.CATEGORIES`.
-        score: probability that it is of that category, in [0, 1].
+        category: its name.
+        score: probability that it is of that category, in [0, 1]; None of a category that the classifier does not know.
         box: left, top, width, height in pixels: of the mask.
         segment: its mask.
     """
 
     category: str
-    score: float
+    score: float | None
     box: Box
     segment: Segment
+
+    @property
+    def words(self) -> str:
+        """Its category and the probability of that, where there is one."""
+        return self.category if self.score is None else f"{self.category} ({100 * self.score:.0f} %)"
 
     def __call__(self, image: NDArray[np.float32], category: str, box: Box | None = None) -> Segment:
         return self.segment
@@ -96,9 +101,13 @@ class ObjectFinder:
     def find(self, image: NDArray[np.float32], categories: Sequence[str] = tuple(CATEGORIES)) -> list[FoundObject]:
         """Find all objects of some categories in a photo (H, W, 3), RGB in [0, 1], by decreasing score.
 
-        If no object is probable, the likeliest one may be returned, with a score below 0.5.
+        It finds no objects of categories other than kfit's own. If no object is probable, the likeliest one may be
+        returned, with a score below 0.5.
         """
         boxes, scores, certainty = self.candidates(image)
+        categories = [name for name in categories if name in NAMES]
+        if not categories:
+            return []
         wanted = [NAMES.index(name) for name in categories]
         shares = self.probabilities(image, boxes, scores)[:, wanted]
         best = shares.max(1, initial=0)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from kfit.core import Observation
-from kfit.geometry import CATEGORIES, Crop, observed
+from kfit.geometry import Category, Crop, observed
 from kfit.geometry.crop import MARGIN
 from kfit.pose.inputs import as_depth, as_ignored, as_photo, choose_camera, choose_mask
 from kfit.pose.object_depth import object_depth
@@ -57,7 +57,7 @@ class ObservedObject:
     @staticmethod
     def of(
         image: str | Path | Photo | NDArray[Any],
-        category: str,
+        category: Category,
         size: int,
         mask: NDArray[Any] | None = None,
         box: tuple[float, float, float, float] | None = None,
@@ -70,8 +70,8 @@ class ObservedObject:
 
         Args:
             image, mask, box, intrinsics, depth, segmenter, ignore: as there.
-            category: for segmenters.
-            size: of the picture in pixels.
+            category: category of the object; segmenters use its name.
+            size: size of the picture in pixels.
 
         Raises:
             FileNotFoundError, ValueError: if an input cannot be used, in one sentence.
@@ -87,7 +87,7 @@ class ObservedObject:
             pixels = as_photo(image)
         if isinstance(segmenter, str | Path):
             segmenter = load_segmenter(segmenter)
-        segment = choose_mask(pixels, mask, box, alpha, segmenter, category)
+        segment = choose_mask(pixels, mask, box, alpha, segmenter, category.name)
         hidden = None if ignore is None else as_ignored(ignore, segment.mask)
         found = segment.mask if hidden is None else segment.mask * (1 - hidden)
         notes += segment.notes
@@ -99,7 +99,7 @@ class ObservedObject:
         of_object = None
         if depth is not None:
             away = as_depth(depth, found.shape)
-            of_object, noted, doubted = object_depth(away, found, camera.double(), CATEGORIES[category])
+            of_object, noted, doubted = object_depth(away, found, camera.double(), category)
             notes += noted
             doubts += doubted
         observation = observed(crop, pixels, found, of_object, camera.double())

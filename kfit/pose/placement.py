@@ -20,7 +20,7 @@ def placement(fitted: Variables, crop: Crop, camera: Tensor, card: Card) -> tupl
         fitted: one problem's values; a fitted focal length replaces the camera's.
         crop: the fitted square.
         camera: (3, 3) of the photo.
-        card: of the model.
+        card: card of the model.
     """
     values = {name: value.double() for name, value in fitted.items()}
     camera = camera.double()

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from kfit.core import FitResult, Observation, Rendering, Variables
 from kfit.generators.surface import Surface
-from kfit.geometry import CATEGORIES, Crop
+from kfit.geometry import Crop
 
 if TYPE_CHECKING:
     from trimesh import Trimesh
@@ -26,7 +26,7 @@ class Alternative:
 
     Attributes:
         rotation: (3, 3).
-        energy: of its best start.
+        energy: energy of its best start.
         weight: fraction of the surviving starts' weight, in [0, 1]; the alternatives' weights sum to 1.
         sigma_deg: weighted angular standard deviation of its starts about the best one.
 
@@ -48,13 +48,15 @@ class PoseResult:
     """Pose, size and appearance of one object in one photo.
 
     Attributes:
-        category: of the model.
+        category: category of the model.
+        symmetry: symmetry of the category, see `kfit.geometry.Category`.
+        front: front of the category, likewise.
         rotation: (3, 3), object (NOCS axes, y up) to camera (OpenCV: x right, y down, z forward).
         translation: (3,) of the object's centre, in metres.
         size: (3,) sides of the object's box along its own axes, in metres.
         size_from: source of size and distance: "depth", "views" of several cameras, or the category's "mean size".
         bbox_xywh: left, top, width, height of the mask's box, in pixels.
-        energy: of the winning start; lower is better.
+        energy: energy of the winning start; lower is better.
         confidence: probability in [0, 1] that the rotation is within 20° of the truth, calibrated on held-out
             procedural views; if the model or the fit has no calibration, as a note then reports, the answer's weight.
         calibrated: whether the confidence is such a probability.
@@ -88,6 +90,8 @@ class PoseResult:
     """
 
     category: str
+    symmetry: str
+    front: str | None
     rotation: NDArray[np.float64]
     translation: NDArray[np.float64]
     size: NDArray[np.float64]
@@ -166,7 +170,7 @@ class PoseResult:
         return {
             "category": self.category,
             "category_score": self.category_score,
-            "symmetry": CATEGORIES[self.category].symmetry,
+            "symmetry": self.symmetry,
             "rotation": self.rotation.tolist(),
             "quaternion_wxyz": self.quaternion_wxyz.tolist(),
             "translation": self.translation.tolist(),

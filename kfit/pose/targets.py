@@ -41,10 +41,10 @@ def find_targets(
 
     Args:
         photo: the photo.
-        category: one of `kfit.geometry.CATEGORIES`.
+        category: its name; nothing checks one that is none of kfit's own.
         mask: (H, W), above one half of its full scale on the object.
         box: left, top, width, height in pixels.
-        segmenter: of the object's mask, instead of kfit's own networks.
+        segmenter: segmenter that finds the object's mask, instead of kfit's own networks.
         finder: searches for objects.
 
     Returns:
@@ -71,8 +71,10 @@ def find_targets(
 def with_score(result: PoseResult, target: FoundObject) -> PoseResult:
     """Return the answer with the probability that its object is of the category, an upper bound of its confidence.
 
-    A pose can be right only if the category is.
+    A pose can be right only if the category is. Where nothing checked the category, the answer stays as it is.
     """
+    if target.score is None:
+        return result
     notes, percent = list(result.notes), f"{100 * target.score:.0f} %"
     if target.score < PROBABLE:
         notes.append(
@@ -113,6 +115,8 @@ def _doubts(finder: ObjectFinder, photo: Photo, mask: NDArray[np.float32]) -> tu
 def _classified(finder: ObjectFinder, photo: Photo, segment: Segment, category: str | None) -> FoundObject:
     """Return the object of a mask, of the named category or the likeliest one."""
     left, top, width, height = box = box_of(segment.mask)
+    if category is not None and category not in NAMES:
+        return FoundObject(category, None, box, segment)
     corners = np.array([[left, top, left + width, top + height]])
     shares = finder.probabilities(photo.image, corners)[0]
     if category is None:

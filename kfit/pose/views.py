@@ -13,7 +13,7 @@ from torch import Tensor
 
 from kfit.core import Observation
 from kfit.core.check import check_shape
-from kfit.geometry import Crop, diagonal_at, viewing_ray
+from kfit.geometry import Category, Crop, diagonal_at, viewing_ray
 from kfit.pose.inputs import as_numbers
 from kfit.pose.observed_object import ObservedObject
 from kfit.segmentation import Photo, Segmenter, load_segmenter
@@ -29,7 +29,7 @@ def are_several(image: PhotoLike | Sequence[PhotoLike]) -> TypeGuard[Sequence[Ph
 
 def observe(
     image: PhotoLike | Sequence[PhotoLike],
-    category: str,
+    category: Category,
     size: int,
     mask: Any,
     box: Any,
@@ -44,8 +44,8 @@ def observe(
     Args:
         image, mask, box, intrinsics, depth, ignore, relative_poses, segmenter: as `kfit.pose.CategoryModel.pose` takes
             them.
-        category: of the object.
-        size: of the picture in pixels.
+        category: category of the object.
+        size: size of the picture in pixels.
 
     Raises:
         FileNotFoundError, ValueError: for what cannot be used, in one sentence.
@@ -65,7 +65,7 @@ def observe(
 
 def observed_views(
     images: Sequence[PhotoLike],
-    category: str,
+    category: Category,
     size: int,
     masks: Any,
     boxes: Any,
@@ -77,8 +77,8 @@ def observed_views(
 
     Args:
         images: V photos.
-        category: for segmenters.
-        size: of the pictures in pixels.
+        category: category of the object; segmenters use its name.
+        size: size of the pictures in pixels.
         masks, boxes, intrinsics: lists of V, or None; one (3, 3) holds for all.
         relative_poses: (V, 4, 4), from the first camera to each.
         segmenter: as `kfit.pose.CategoryModel.pose` takes it.
@@ -132,7 +132,7 @@ def triangulated_diagonal(observation: Observation, unit_fraction: float, mean_d
     Args:
         observation: one problem of several views, with the crops' cameras.
         unit_fraction: fraction of the crop's width that the bounding sphere's silhouette spans at scale 1.
-        mean_diagonal: of the category.
+        mean_diagonal: mean diagonal of the category.
     """
     cameras, poses = observation.field("intrinsics").double(), observation.field("trans_cam_ref").double()
     side = observation.image.shape[-1]

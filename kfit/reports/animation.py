@@ -29,7 +29,7 @@ def animate(result: PoseResult, path: str | Path) -> Path:
     """Write an animation whose frames are the steps; an MP4, in VP9, repeats the last for two seconds.
 
     Args:
-        result: of a photo.
+        result: result for a photo.
         path: ends in .gif or .mp4.
 
     Raises:

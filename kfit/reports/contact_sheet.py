@@ -53,7 +53,7 @@ def contact_sheet(entries: Sequence[SheetEntry], title: str, num_columns: int = 
     """Draw a sheet: a cell an entry, in the order given, down the columns.
 
     Args:
-        entries: what is shown.
+        entries: entries to show.
         title: a line above it all.
         num_columns: number of cells in a row.
 
@@ -70,10 +70,10 @@ def contact_sheet(entries: Sequence[SheetEntry], title: str, num_columns: int = 
     wide, high = 4 * PANEL + 3 * 2 + GAP, PANEL + LINE + GAP
     top = 3 * LINE
     sheet = np.full((top + num_rows * high, GAP + num_columns * wide, 3), 255, np.uint8)
-    _text(sheet, title, GAP, round(0.9 * LINE), INK, 0.75)
+    put_text(sheet, title, GAP, round(0.9 * LINE), INK, 0.75)
     for column in range(num_columns):
         for k, heading in enumerate(HEADINGS):
-            _text(sheet, heading, GAP + column * wide + k * (PANEL + 2), top - 8, FAINT, 0.5)
+            put_text(sheet, heading, GAP + column * wide + k * (PANEL + 2), top - 8, FAINT, 0.5)
     for number, entry in enumerate(entries):
         column, row = divmod(number, num_rows)
         left, upper = GAP + column * wide, top + row * high
@@ -81,7 +81,7 @@ def contact_sheet(entries: Sequence[SheetEntry], title: str, num_columns: int = 
             x = left + k * (PANEL + 2)
             sheet[upper : upper + PANEL, x : x + PANEL] = panel
             cv2.rectangle(sheet, (x, upper), (x + PANEL - 1, upper + PANEL - 1), (215, 215, 215), 1)
-        _text(sheet, entry.caption, left, upper + PANEL + 18, INK, 0.5)
+        put_text(sheet, entry.caption, left, upper + PANEL + 18, INK, 0.5)
     return sheet
 
 
@@ -145,5 +145,6 @@ def _bytes(picture: NDArray[np.float32]) -> Picture:
     return np.ascontiguousarray((picture.clip(0, 1) * 255).round().astype(np.uint8))
 
 
-def _text(sheet: Picture, text: str, left: int, base: int, ink: tuple[int, int, int], scale: float) -> None:
+def put_text(sheet: Picture, text: str, left: int, base: int, ink: tuple[int, int, int], scale: float) -> None:
+    """Write a line of Latin text onto a picture, from its lower left corner."""
     cv2.putText(sheet, text, (left, base), cv2.FONT_HERSHEY_SIMPLEX, scale, ink, 1, cv2.LINE_AA)

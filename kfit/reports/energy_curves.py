@@ -22,7 +22,7 @@ def energy_curves(fit: FitResult, answer: int) -> tuple[Markup, float]:
     Each is a group named ``start-N``; a line named ``now`` stands at the first step, to be moved.
 
     Args:
-        fit: of one problem.
+        fit: fit of one problem.
         answer: the step at which the winner was best.
 
     Returns:

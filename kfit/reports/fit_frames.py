@@ -37,7 +37,7 @@ def fit_frames(result: PoseResult) -> FitFrames:
     """Draw the winner's values at all steps, in one call of the generator.
 
     Args:
-        result: of a photo.
+        result: result for a photo.
 
     Raises:
         ValueError: if not every step was recorded.

@@ -14,7 +14,6 @@ from markupsafe import Markup
 from PIL import Image
 
 from kfit import __version__
-from kfit.geometry import CATEGORIES
 from kfit.pose import PoseResult
 from kfit.reports.energy_curves import energy_curves
 from kfit.reports.fit_frames import Picture, fit_frames
@@ -44,9 +43,9 @@ def report(result: PoseResult, path: str | Path = "report.html", command: str | 
     the energies of all starts; the camera of the answer and of its alternatives; and the numbers.
 
     Args:
-        result: of `kfit.pose.CategoryModel.pose`.
-        path: of the file.
-        command: that made it, to be named.
+        result: result of `kfit.pose.CategoryModel.pose`.
+        path: path of the file.
+        command: command that created it, which the page names.
 
     Example:
         >>> import numpy as np, kfit
@@ -89,7 +88,7 @@ def page(result: PoseResult, command: str | None = None) -> str:
         curves=curves,
         step_width=step_width,
         sphere=view_sphere(result),
-        symmetric=CATEGORIES[result.category].symmetry == "y",
+        symmetric=result.symmetry == "y",
         cameras=[camera_angles(found.rotation, result.translation) for found in result.alternatives],
         numbers=_numbers(result),
         command=command,

@@ -25,7 +25,7 @@ def write_mesh(result: PoseResult, path: str | Path, suffix: str | None = None) 
     """Write `PoseResult.mesh`: triangles with vertex colours, metres, y up.
 
     Args:
-        result: of a fit by a model that draws a volume.
+        result: result of a fit by a model that draws a volume.
         path: where to.
         suffix: the kind of file, ".glb", ".obj" or ".ply"; by default the path's.
 

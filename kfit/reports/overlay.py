@@ -87,7 +87,7 @@ def draw_objects(image: Any, poses: Sequence[Mapping[str, Any]], caption: str | 
 
     Args:
         image: (H, W, 3) array or tensor, RGB in [0, 1].
-        poses: of each object rotation, translation, size, intrinsics and mask, as `draw_overlay` takes them.
+        poses: for each object its rotation, translation, size, intrinsics and mask, as `draw_overlay` takes them.
         caption: line or lines for the strip below.
 
     Returns:
@@ -124,7 +124,7 @@ def draw_frame(
         caption: a few words for the upper left corner.
         pose: rotation, translation, size and intrinsics, arrays or tensors as `draw_overlay` takes them.
         outline: silhouette (S, S) of the drawing, above 1/2 on the object, in the pixels of the crop.
-        confidence: of the pose, in [0, 1].
+        confidence: confidence of the pose, in [0, 1].
 
     Returns:
         (height, width, 3) RGB bytes.

@@ -21,7 +21,7 @@ def curves_by_category(scores: Mapping[str, NOCSScores], shift_label: str = "tra
 
     Args:
         scores: by the method's name.
-        shift_label: what the thresholds of translation are.
+        shift_label: label of the translation thresholds.
     """
     figure = Figure(figsize=(10.5, 3.1 * len(scores) + 0.5), layout="constrained")
     axes = figure.subplots(len(scores), 3, squeeze=False)
@@ -53,7 +53,7 @@ def curves_by_method(
     Args:
         scores: by the method's name.
         part: ``"iou"``, ``"rotation"`` or ``"translation"``.
-        shift_label: what the thresholds of translation are.
+        shift_label: label of the translation thresholds.
 
     Raises:
         ValueError: for a part of another name.

@@ -37,7 +37,7 @@ def scene(result: PoseResult) -> dict[str, Any]:
 
 def scene_html(result: PoseResult, made: Mapping[str, Any]) -> Markup:
     """Make the figure that `kfitScene` of `viewer.js` brings to life: canvas, a button for each pose, and words."""
-    words = [view_words(result.category, found.rotation, result.translation) for found in result.alternatives]
+    words = [view_words(result.front, found.rotation, result.translation) for found in result.alternatives]
     template = templates().get_template("scene.html")
     return Markup(template.render(result=result, words=words, mesh=made["mesh"] is not None))
 

@@ -22,7 +22,7 @@ class VideoFile:
     times as long as VP8, and VP8, which MP4 does not hold, is played by Chrome, Edge, Firefox and Safari.
 
     Args:
-        path: that ends in .webm or .mp4.
+        path: path that ends in .webm or .mp4.
         rate: pictures a second.
 
     Raises:

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from torch import Tensor
 
-from kfit.geometry import CATEGORIES, EDGES, box_corners, rotation_from_angles
+from kfit.geometry import EDGES, box_corners, rotation_from_angles
 from kfit.pose import PoseResult
 from kfit.reports.inline_svg import ACCENT, INK, MUTED, PAPER, inline_svg, styled
 from kfit.reports.words import camera_angles, view_words
@@ -46,14 +46,13 @@ def view_sphere(result: PoseResult) -> Markup:
         plot.axis("off")
         _globe(plot, onlooker)
         _object(plot, onlooker, torch.from_numpy(result.size))
-        if CATEGORIES[result.category].symmetry == "y":
+        if result.symmetry == "y":
             for found, (_, elevation) in zip(result.alternatives, places, strict=True):
                 colour = ACCENT if found is result.alternatives[0] else INK
                 _circle(plot, onlooker, _around(elevation), colour, 1.6, 1.0, 0.35)
         _poses(plot, onlooker, places, [found.weight for found in result.alternatives])
         described = "; ".join(
-            view_words(result.category, found.rotation, result.translation)
-            + f", {100 * found.weight:.0f} % of the weight"
+            view_words(result.front, found.rotation, result.translation) + f", {100 * found.weight:.0f} % of the weight"
             for found in result.alternatives[:LABELLED]
         )
         return inline_svg(figure, f"Sphere of views about the object: {described}")

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from kfit.geometry import CATEGORIES, angles_from_rotation, from_opencv, viewing_ray_rotation
+from kfit.geometry import angles_from_rotation, from_opencv, viewing_ray_rotation
 from kfit.pose import PoseResult
 
 Level = Literal["high", "medium", "low"]
@@ -40,13 +40,13 @@ class Words:
     """An answer in words.
 
     Attributes:
-        name: of the category.
+        name: name of the category.
         view: from where the camera sees the object, and where its front is.
         size: sides of the box, the front's side first, then the height.
         distance: from the camera.
         confidence: how sure the answer is.
-        level: of the confidence.
-        meaning: what a reader may do with such an answer.
+        level: level of the confidence.
+        meaning: how a reader may use such an answer.
     """
 
     name: str
@@ -72,7 +72,7 @@ def words_of(result: PoseResult) -> Words:
     known = result.calibrated
     return Words(
         result.category,
-        view_words(result.category, result.rotation, result.translation),
+        view_words(result.front, result.rotation, result.translation),
         lengths(sides),
         f"{'' if exact else 'about '}{length(float(result.translation[2]))} away",
         confidence_words(result.confidence, result.ambiguous) if known else "confidence not calibrated",
@@ -101,11 +101,10 @@ def camera_angles(rotation: NDArray[np.float64], translation: NDArray[np.float64
     return azimuth, elevation, roll
 
 
-def view_words(category: str, rotation: NDArray[np.float64], translation: NDArray[np.float64]) -> str:
-    """Say where the camera is about the object, where the object's front is, and how far it leans."""
+def view_words(front: str | None, rotation: NDArray[np.float64], translation: NDArray[np.float64]) -> str:
+    """Say where the camera is about the object, where the object's front is if it has one, and how far it leans."""
     azimuth, elevation, roll = camera_angles(rotation, translation)
     words = [f"seen from {_height(elevation)}"]
-    front = CATEGORIES[category].front
     if front is not None:
         # The front is +x: it points sin(−a) towards the camera and cos a to its right.
         words.append(SIDES[round((azimuth + 90) / 45) % 8].format(front))

@@ -25,7 +25,7 @@ def atomic_write(folder: Path, files: Mapping[str, Callable[[Path], object]]) ->
         Paths of those that were written.
 
     Raises:
-        OSError: of the system's kind, naming the file, where one cannot be written; all files stay as they were.
+        OSError: If a file cannot be written; the error names it, and all files keep their contents.
     """
     places = [folder / name for name in files]  # absolute paths are kept
     for place in places:
@@ -81,7 +81,7 @@ def check_folder(name: str, folder: Path) -> None:
     """Refuse a folder that nothing can be written to, before work is done whose result would go there; makes nothing.
 
     Args:
-        name: of the argument.
+        name: name of the argument.
         folder: need not be there.
 
     Raises:

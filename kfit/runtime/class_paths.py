@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import difflib
+import importlib
 import re
+import sys
+from collections.abc import Iterable
+from types import ModuleType
 from typing import Any
 
 import yaml  # type: ignore[import-untyped]
@@ -66,6 +71,49 @@ def current_paths(value: Any) -> Any:
             present["init_args"] = {renamed.get(key, key): one for key, one in arguments.items()}
         return present
     return [current_paths(one) for one in value] if isinstance(value, list) else value
+
+
+def near_class(text: str) -> str | None:
+    """Import path of a class that a misspelt one in a text may have meant.
+
+    >>> import kfit.generators
+    >>> near_class("'kfit.generators.VEA3D' cannot be imported")
+    'kfit.generators.VAE3D'
+
+    Args:
+        text: an error that names class paths, or classes by their name alone where it says ``class_path``.
+    """
+    for path in _PATH.findall(text):
+        module, _, name = path.rpartition(".")
+        if module not in sys.modules and module.partition(".")[0] != "kfit":
+            continue
+        try:
+            found = importlib.import_module(module)
+        except ImportError:
+            continue
+        if not hasattr(found, name) and (near := _near(name, _classes(found))):
+            return f"{module}.{near}"
+    known: dict[str, str] = {}
+    for module, found in sorted(sys.modules.items()):
+        if module.startswith("kfit.") and module.count(".") == 1:
+            known |= {name: f"{module}.{name}" for name in _classes(found)}
+    for name in re.findall(r"class_path\W+(\w+)['\"]", text):
+        if name not in known and (near := _near(name, known)):
+            return known[near]
+    return None
+
+
+_PATH = re.compile(r"[A-Za-z_]\w*(?:\.[A-Za-z_]\w*)+")
+
+
+def _classes(module: ModuleType) -> list[str]:
+    return [name for name, value in vars(module).items() if isinstance(value, type) and not name.startswith("_")]
+
+
+def _near(name: str, known: Iterable[str]) -> str | None:
+    by_lower = {one.lower(): one for one in known}
+    found = difflib.get_close_matches(name.lower(), by_lower, 1, 0.7)
+    return by_lower[found[0]] if found else None
 
 
 def current_word(word: str) -> str:

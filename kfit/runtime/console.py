@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import argparse
+import importlib
 import io
 import logging
 import os
 import platform
 import re
 import sys
+import sysconfig
 import time
+import traceback
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from kfit import __version__
@@ -33,12 +37,20 @@ log = logging.getLogger("kfit")
 
 
 def add_general_options(parser: Any) -> None:
-    """Add ``--quiet`` and ``--verbose`` to a parser of argparse's or jsonargparse's."""
+    """Add ``--quiet``, ``--verbose`` and ``--import`` to a parser of argparse's or jsonargparse's."""
     group = parser.add_argument_group("general options")
     # Absent by default, so that they are not part of the command line that a report repeats.
     settings: Any = {"action": "store_true", "default": argparse.SUPPRESS}
     group.add_argument("-q", "--quiet", help="errors only: no progress, no notes", **settings)
     group.add_argument("-v", "--verbose", help="also what is going on, and where an error came from", **settings)
+    group.add_argument(
+        "--import",
+        dest="modules",
+        action="append",
+        metavar="MODULE",
+        default=argparse.SUPPRESS,
+        help="import a module first, such as one with parts of your own that a recipe names; can be repeated",
+    )
 
 
 @contextmanager
@@ -71,6 +83,7 @@ def session(args: Sequence[str] | None) -> Iterator[list[str]]:
             begun = time.perf_counter()
             log.debug("%s, Python %s, %s: %s", __version__, platform.python_version(), platform.platform(), words)
             try:
+                _import(getattr(general_options, "modules", []))
                 yield words
             finally:
                 _flush()
@@ -112,6 +125,21 @@ def see_working_folder() -> None:
     """Have parts that a recipe names found in files of the working folder, which a console script does not see."""
     if os.getcwd() not in sys.path:
         sys.path.append(os.getcwd())  # last, so that it can shadow nothing
+
+
+def _import(modules: Sequence[str]) -> None:
+    """Import modules, also those of the working folder.
+
+    Raises:
+        ValueError: for one that cannot be imported.
+    """
+    if modules:
+        see_working_folder()
+    for module in modules:
+        try:
+            importlib.import_module(module)
+        except ImportError as error:
+            raise ValueError(f"--import {module}: {error}") from error
 
 
 class _Stderr(logging.Handler):
@@ -181,16 +209,36 @@ def _endings(verbose: bool) -> Iterator[None]:
         log.error("%s", _on_one_line(error), exc_info=verbose)
         raise SystemExit(2) from None
     except Exception as error:
+        # Lightning refuses wrong uses of its parts by an exception of its own.
+        if type(error).__name__ == "MisconfigurationException":
+            log.error("%s", _on_one_line(error), exc_info=verbose)
+            raise SystemExit(2) from None
         advice = "" if verbose else "; the same command with --verbose shows where it happened"
+        kind, reason, place = type(error).__name__, _on_one_line(error), _own_part(error)
+        if place is not None:
+            log.error("%s: %s: %s%s", place, kind, reason, advice, exc_info=verbose)
+            raise SystemExit(1) from None
         log.error(
-            "unexpected %s: %s%s. Unless it comes from a part of your own, this is a fault of kfit's: please report it "
-            "to its authors with what --verbose shows",
-            type(error).__name__,
-            _on_one_line(error),
+            "unexpected %s: %s%s. This is a fault of kfit's: please report it to its authors with what --verbose shows",
+            kind,
+            reason,
             advice,
             exc_info=verbose,
         )
         raise SystemExit(1) from None
+
+
+def _own_part(error: Exception) -> str | None:
+    """The innermost line of a file that is neither kfit's nor installed, where an error passed through one."""
+    paths = sysconfig.get_paths()
+    installed = [str(Path(__file__).parents[1]), *(paths[name] for name in ("stdlib", "purelib", "platlib"))]
+    frames = traceback.extract_tb(error.__traceback__)
+    own = [
+        frame
+        for frame in frames
+        if not frame.filename.startswith(("<", *installed)) and "site-packages" not in frame.filename
+    ]
+    return f"{own[-1].filename}, line {own[-1].lineno}" if own else None
 
 
 def _on_one_line(error: Exception) -> str:

@@ -138,9 +138,9 @@ def matrix_rate(
     """GFLOP a second of products of square matrices, the best of several: what the machine can do.
 
     Args:
-        dtype: of the matrices.
-        device: that multiplies them.
-        size: of a side; by default 2048, on a GPU 8192.
+        dtype: data type of the matrices.
+        device: device on which they are multiplied.
+        size: side length of the matrices; by default 2048, on a GPU 8192.
         repeats: products that count.
     """
     size = size or (2048 if torch.device(device).type == "cpu" else 8192)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 
+from kfit.runtime.class_paths import near_class
+
 KEY = re.compile(r'Parser key "([^"]+)"(?: element \d+)?: *(.*)')
 EXPECTED = re.compile(r"Expected an? (?:<class '([\w.]+)'>|typing\.Literal\[(.*?)\])(?:\. Got value: *(.*))?")
 GIVEN = re.compile(r"Given value: (?:NestedArg\(key='[^']*', val=)?(.*?)\)?$")
@@ -16,8 +18,14 @@ LONGEST = 80
 def sentence(message: str) -> str:
     """The innermost reason of the tree that jsonargparse draws of keys and of the types that were tried.
 
-    ``trainer.max_epochs must be a whole number or null, got many``. What is no such tree is put on one line.
+    ``trainer.max_epochs must be a whole number or null, got many``. What is no such tree is put on one line. Where a
+    class is misspelt, the one that may be meant is named.
     """
+    near = near_class(message)
+    return _reason(message) + (f"; did you mean {near}?" if near else "")
+
+
+def _reason(message: str) -> str:
     keys: list[tuple[int, str]] = []
     reasons: list[tuple[int, str, str]] = []  # depth, path of keys, and message
     wanted: list[tuple[int, str, str]] = []

@@ -86,8 +86,12 @@ class Detections(Segmenter):
             raise ValueError(f"the mask of the detected {self._said([index])} is empty")
         return Segment(mask, tuple(notes))
 
+    def _shows(self, index: int, category: str) -> bool:
+        """Whether a detection is of a category: one of kfit's by any of its words, one of your own by its name."""
+        return self.categories[index] == category or self.names[index].lower() == category.lower()
+
     def _of(self, category: str) -> tuple[int, list[str]]:
-        there = [index for index, found in enumerate(self.categories) if found == category]
+        there = [index for index in range(len(self.names)) if self._shows(index, category)]
         if not there:
             others = self._said(np.argsort(-self.scores, kind="stable")[:5].tolist()) or "nothing at all"
             raise ValueError(
@@ -109,7 +113,7 @@ class Detections(Segmenter):
             nearest = f"; nearest is {self._said([int(overlap.argmax())])}" if (overlap > 0).any() else ""
             raise ValueError(f"no detection fills box {spell(box)}{nearest}")
         best = int(overlap.argmax())
-        if self.categories[best] == category:
+        if self._shows(best, category):
             return best, []
         return best, [f"the detector takes the object in the box for another than a {category}: {self._said([best])}"]
 
@@ -139,7 +143,8 @@ class Detector(Segmenter):
         """Return all objects in a photo (H, W, 3), RGB in [0, 1]."""
 
     def __call__(self, image: NDArray[np.float32], category: str, box: Box | None = None) -> Segment:
-        if box is None and category not in map(category_of, self.classes):
+        words = {category_of(name) for name in self.classes} | {name.lower() for name in self.classes}
+        if box is None and not words & {category, category.lower()}:
             some = ", ".join(list(self.classes)[:8]) + (", …" if len(self.classes) > 8 else "")
             raise ValueError(
                 f"none of the segmenter's {len(self.classes)} classes ({some}) is a {category}; a box around the "

@@ -30,7 +30,7 @@ class MaskRCNN(Detector):
     classes are in a dict ``names`` in the file's metadata.
 
     Args:
-        network: of that layout.
+        network: network with that layout.
 
     Raises:
         ValueError: if it has another layout.

@@ -28,7 +28,7 @@ def mask_in_photo(
     Args:
         photo: (H, W, 3), RGB in [0, 1].
         silhouette: (S, S) in the crop's pixels, above 1/2 on the object.
-        crop: of the silhouette.
+        crop: crop of the silhouette.
         band: on each side of its outline, as a fraction of the grid, which is 4/3 as wide as the crop.
 
     Returns:

@@ -61,7 +61,7 @@ class ObjectDetector:
     "Objectron", CVPR 2021, whose detector it is.
 
     Args:
-        path: of the ONNX file; the bundled one by default.
+        path: path of the ONNX file; the bundled one by default.
 
     Raises:
         ValueError: if the file has another layout.

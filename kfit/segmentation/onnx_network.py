@@ -34,7 +34,7 @@ class Socket:
     Attributes:
         name: in the file.
         shape: for each axis a number, or None for any.
-        kind: of its numbers, as ONNX Runtime spells it: "float", "float16", "int64".
+        kind: data type of its numbers, as ONNX Runtime spells it: "float", "float16", "int64".
     """
 
     name: str
@@ -56,7 +56,7 @@ class OnnxNetwork:
     The file is untrusted: a picture may take 300 seconds, and all networks together 4 GB of memory.
 
     Args:
-        path: of the file.
+        path: path of the file.
 
     Attributes:
         inputs, outputs: names, shapes and types.

@@ -19,7 +19,7 @@ def size_change(path: Path) -> tuple[int, Size, Size] | None:
     are not checked.
 
     Args:
-        path: of a clip that OpenCV reads.
+        path: path of a clip that OpenCV reads.
 
     Returns:
         its number from 0, its width and height, and those of the first; None where all are alike.

@@ -41,7 +41,7 @@ class SalientObject(Segmenter):
     deviation, and the mask is stretched from its minimum to its maximum. Larger or free sizes are IS-Net's: RGB − 1/2.
 
     Args:
-        network: of that layout.
+        network: network with that layout.
 
     Raises:
         ValueError: if it has another layout.

@@ -37,7 +37,7 @@ class Segmenter(ABC):
 
         Args:
             image: (H, W, 3), RGB in [0, 1].
-            category: of the object if no box selects it; one of `kfit.geometry.CATEGORIES`.
+            category: category of the object if no box selects it; one of `kfit.geometry.CATEGORIES`.
             box: left, top, width, height in pixels around the object, of any kind.
 
         Raises:

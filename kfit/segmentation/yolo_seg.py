@@ -31,7 +31,7 @@ class YoloSeg(Detector):
     canvas, RGB in [0, 1]. Class names are the file's or, if it has none, COCO's for 80 classes.
 
     Args:
-        network: of that layout.
+        network: network with that layout.
 
     Raises:
         ValueError: if it has another layout.

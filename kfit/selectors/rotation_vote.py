@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import Literal
 
 import torch
 from torch import Tensor
 
 from kfit.core import Selector, Variables
-from kfit.core.check import check_choice, check_count, check_range
+from kfit.core.check import check_count, check_range
 from kfit.geometry.pose import rotation_error, rotation_of
+from kfit.geometry.symmetry import Symmetry, check_symmetry
 
 
 class RotationVote(Selector):
@@ -36,8 +36,8 @@ class RotationVote(Selector):
         tensor([2])
     """
 
-    def __init__(self, symmetry: Literal["none", "y"] = "none", top: int = 5, within_deg: float = 10.0) -> None:
-        check_choice("RotationVote: symmetry", symmetry, ("none", "y"))
+    def __init__(self, symmetry: Symmetry = "none", top: int = 5, within_deg: float = 10.0) -> None:
+        check_symmetry("RotationVote: symmetry", symmetry)
         check_count("RotationVote: top", top)
         check_range("RotationVote: within_deg", within_deg, 0, 180)
         self.symmetry, self.top, self.within = symmetry, top, math.radians(within_deg)

@@ -22,7 +22,7 @@ class TrackQuality:
     """What is expected of the next frame.
 
     Args:
-        symmetry: of the object.
+        symmetry: symmetry of the object.
         rotation: (3, 3) in the last frame.
         expected: energy of an answer that explains its frame; it follows the frames.
         fitted: energy of the last frame that was fitted from nothing.
@@ -39,7 +39,7 @@ class TrackQuality:
         """Whether the object is lost in a frame, and the confidence in its pose.
 
         Args:
-            energy: of the frame's answer.
+            energy: energy of the frame's answer.
             overlap: intersection over union of drawing and mask.
             rotation: (3, 3).
             confidence: by the pose's own evidence.

@@ -110,7 +110,7 @@ class Tracker:
         """Find the object in the next frame.
 
         Args:
-            frame: of the size of the first.
+            frame: image of the same size as the first.
             mask: (H, W), above one half on the object, empty if it is not visible; None segments it.
 
         Returns:

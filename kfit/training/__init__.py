@@ -7,6 +7,7 @@ from kfit.training.orientation_training import OrientationTraining
 from kfit.training.photometric_augmentation import PhotometricAugmentation
 from kfit.training.picture_grid import PictureGrid
 from kfit.training.pose_training import PoseTraining
+from kfit.training.provenance import Provenance
 from kfit.training.random_corruption import RandomCorruption
 from kfit.training.random_crop import RandomCrop
 from kfit.training.random_recolor import RandomRecolor
@@ -21,6 +22,7 @@ __all__ = [
     "PhotometricAugmentation",
     "PictureGrid",
     "PoseTraining",
+    "Provenance",
     "RandomCorruption",
     "RandomCrop",
     "RandomRecolor",

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import inspect
+import logging
 import warnings
 
 import torch
+from lightning.pytorch.cli import LRSchedulerCallable, OptimizerCallable
 from torch import Tensor, nn
 from torch.nn import functional as F
 from torchmetrics.functional.image import structural_similarity_index_measure
 from torchmetrics.functional.segmentation import mean_iou
 
 from kfit.core import Encoder, Energy, Generator, Observation, Rendering, frozen
-from kfit.core.check import check_choice, check_count, check_dict, check_names, check_positive, check_range
+from kfit.core.check import check_choice, check_count, check_dict, check_positive, check_range
 from kfit.generators import ExtentsHead
-from kfit.geometry import Symmetry
+from kfit.geometry import Symmetry, check_symmetry
 from kfit.geometry.pose import rotation_of
 from kfit.training.photometric_augmentation import PhotometricAugmentation
 from kfit.training.random_similarity import RandomSimilarity
@@ -22,6 +24,7 @@ from kfit.training.short_fit import fitted_rotations
 from kfit.training.training import Training
 from kfit.training.view_lens import view_lens
 
+_log = logging.getLogger(__name__)
 TAKEN = {"extents", "kl", "l1", "loss", "mask_iou", "ssim"}  # logged with the losses
 FIT_EVERY = 5  # views in test: a fit takes a second of a core, and an object has some ten views
 
@@ -41,7 +44,7 @@ class ConditionalVAE(Training):
     Batches are those of `kfit.data.ViewsDataModule`; without extents in them, extents are not learned.
 
     Args:
-        generator: of variables ``code``, ``azimuth`` and ``elevation``.
+        generator: generator with variables ``code``, ``azimuth`` and ``elevation``.
         encoder: picture → Gaussian over the code.
         extents: code → the object's three sides.
         losses: energies of drawing and target, by name. They are frozen, so that networks in them are not trained.
@@ -56,12 +59,13 @@ class ConditionalVAE(Training):
             neighbourhoods then compare subsampled pictures.
         compile: compile the networks (`torch.compile`), which takes 30 s and makes training about 1.7 × as fast.
             Without a C++ compiler training continues uncompiled.
-        symmetry: of the objects, for rotation errors in test; ``lightning`` sets the category's.
+        symmetry: symmetry of the objects, for rotation errors in test; ``lightning`` sets the category's.
+        optimizer, scheduler: as in `kfit.training.training.Training`; ``rate`` and ``weight_decay`` are for its AdamW.
 
     Raises:
-        ValueError: if a loss weight has an unknown name, a loss has a reserved name, ``pixel_stride`` is below 1, or
-            above 1 with a generator that draws complete pictures only and, when training starts, if the trainer has no
-            end.
+        ValueError: if a loss has a reserved name (extents, kl, l1, loss, mask_iou, ssim), ``pixel_stride`` is below 1,
+            or above 1 with a generator that draws complete pictures only and, when training starts, if the trainer has
+            no end.
     """
 
     def __init__(
@@ -79,22 +83,29 @@ class ConditionalVAE(Training):
         pixel_stride: int = 1,
         photometric: PhotometricAugmentation | None = None,
         symmetry: Symmetry = "none",
+        optimizer: OptimizerCallable | None = None,
+        scheduler: LRSchedulerCallable | None = None,
     ) -> None:
-        super().__init__()
+        super().__init__(optimizer, scheduler)
         check_range("kl_weight", kl_weight, 0)
         check_range("extents_weight", extents_weight, 0)
         check_positive("rate", rate)
         check_choice("compile", compile, (False, True))
-        check_choice("symmetry", symmetry, ("none", "y"))
+        check_symmetry("symmetry", symmetry)
         check_count("pixel_stride", pixel_stride, 1, 64)
         if pixel_stride > 1 and "pixels" not in inspect.signature(generator.forward).parameters:
             kind = type(generator).__name__
             raise ValueError(f"pixel_stride: {kind} draws whole pictures only, so it must be 1, got {pixel_stride}")
         if loss_weights is not None:
             check_dict("loss_weights", loss_weights, check_range)
-            check_names("loss_weights", loss_weights, losses)
+            if unused := sorted(set(loss_weights) - set(losses)):
+                # A recipe's weights stay behind when its losses are replaced.
+                names, known = ", ".join(unused), ", ".join(losses)
+                _log.warning("loss_weights: %s weigh nothing, for the losses are %s", names, known)
+                loss_weights = {name: weight for name, weight in loss_weights.items() if name in losses}
         if taken := sorted(TAKEN & set(losses)):
-            raise ValueError(f"losses: {', '.join(taken)} is a name that is taken; name the loss otherwise")
+            reserved = ", ".join(sorted(TAKEN))
+            raise ValueError(f"losses: {', '.join(taken)} is a name that the log needs, and so are {reserved}")
         self.remember(inspect.currentframe())
         self.generator, self.encoder, self.extents = generator, encoder, extents
         self.losses = frozen(nn.ModuleDict(losses))

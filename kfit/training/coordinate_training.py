@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 
 import torch
+from lightning.pytorch.cli import LRSchedulerCallable, OptimizerCallable
 from torch import Tensor
 
 from kfit.baselines import CoordinateRegressor
@@ -25,13 +26,14 @@ class CoordinateTraining(Training):
     Args:
         regressor: the network.
         rate: largest learning rate of AdamW; it rises over the first twentieth of the steps and falls as a cosine.
-        weight_decay: of AdamW.
-        unit_fraction: of the views' camera: the fraction of the width of a unit diagonal; ``lightning`` sets the
-            category's.
-        distance: of the views' camera in box diagonals, for batches without it.
+        weight_decay: weight decay of AdamW.
+        unit_fraction: fraction of the picture's width that a unit diagonal has in the views' camera; ``lightning``
+            sets the category's.
+        distance: distance of the views' camera in box diagonals, for batches without it.
         similarity: random rotation, shift and scale of views, with their coordinates; None for none.
         recoloring: augmentation of colours; None for none.
         compile: compile the regressor (`torch.compile`). Without a C++ compiler training goes on uncompiled.
+        optimizer, scheduler: as in `kfit.training.training.Training`; ``rate`` and ``weight_decay`` are of its AdamW.
 
     Raises:
         ValueError: in training, if a batch has no depth and, when it starts, if the trainer has no end.
@@ -47,8 +49,10 @@ class CoordinateTraining(Training):
         similarity: RandomSimilarity | None = None,
         recoloring: RandomRecolor | None = None,
         compile: bool = False,
+        optimizer: OptimizerCallable | None = None,
+        scheduler: LRSchedulerCallable | None = None,
     ) -> None:
-        super().__init__()
+        super().__init__(optimizer, scheduler)
         check_positive("rate", rate)
         check_range("weight_decay", weight_decay, 0)
         check_range("unit_fraction", unit_fraction, 0.1, 10.0)

@@ -2,28 +2,33 @@
 
 from __future__ import annotations
 
+import importlib
 import logging
 import os
+import sys
 import warnings
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from jsonargparse import ArgumentError
+from jsonargparse import ArgumentError, Namespace
 from lightning.fabric.plugins import TorchCheckpointIO
 from lightning.pytorch import Callback, LightningDataModule, LightningModule, Trainer
 from lightning.pytorch.callbacks import LearningRateMonitor
 from lightning.pytorch.cli import LightningArgumentParser, LightningCLI
 from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger
 
+from kfit.data import ViewsDataModule, read_category
 from kfit.geometry.categories import CATEGORIES, Category
 from kfit.runtime.class_paths import current_paths, current_word, read_old_paths
 from kfit.runtime.console import see_working_folder, session
 from kfit.runtime.help_page import HelpPage
 from kfit.runtime.parse_errors import sentence
 from kfit.runtime.recipe_limits import check_recipe, no_exit
-from kfit.training import AtomicCheckpoints, ConditionalVAE, PictureGrid
+from kfit.runtime.torch_file import read_torch
+from kfit.training import AtomicCheckpoints, ConditionalVAE, PictureGrid, Provenance
+from kfit.training.continued_log import ContinuedCSVLogger, run_of
 
 # Arguments of the model's parts that the category of the data decides, where a part has such an argument.
 KNOWN: dict[str, Callable[[Category], object]] = {
@@ -81,7 +86,7 @@ class _CLI(LightningCLI):
         try:
             with no_exit():
                 super().instantiate_classes()
-        except ValueError as error:
+        except (ValueError, TypeError) as error:
             raise ValueError(sentence(str(error))) from error
 
     def before_instantiate_classes(self) -> None:
@@ -89,11 +94,13 @@ class _CLI(LightningCLI):
             self.save_config_callback = None  # it would write into the working folder; results have their settings
         # Not `link_arguments`: checkpoints leave out what it fills in, and could not be rebuilt.
         config = self.config.get(str(self.subcommand), self.config)
-        category = CATEGORIES.get(str(config.get("data.init_args.category")))
+        category = _category_of(config)
         drawn = all(config.get(f"data.init_args.{source}") is None for source in ("meshes", "views"))
         for argument, known in {**KNOWN, **(KNOWN_OF_PROCEDURAL if drawn else {})}.items():
             if category is not None and f"model.init_args.{argument}" in config:
                 config[f"model.init_args.{argument}"] = known(category)
+        if category is not None and not category.mirror and "model.init_args.mirror" in config:
+            config["model.init_args.mirror"] = False
 
     def instantiate_trainer(self, **kwargs: Any) -> Trainer:
         """Build the recipe's trainer, by default with TensorBoard's and CSV logs in one folder.
@@ -103,15 +110,15 @@ class _CLI(LightningCLI):
         settings = self._get(self.config_init, "trainer", default={})
         logger, callbacks = settings.get("logger"), settings.get("callbacks") or []
         if logger in (None, True) and self.subcommand != "predict" and not settings.get("barebones"):
-            root = settings.get("default_root_dir") or os.getcwd()
             # The first one finds the number of the version, and minds a folder that is not empty.
-            table = CSVLogger(root)
-            logger = [table, TensorBoardLogger(root, version=table.version, default_hp_metric=False)]
-            kwargs["logger"] = logger
-        if self.subcommand == "fit" and logger:
+            table = self._table(settings.get("default_root_dir") or os.getcwd())
+            board = TensorBoardLogger(table.save_dir, table.name, table.version, default_hp_metric=False)
+            logger = kwargs["logger"] = [table, board]
+        if self.subcommand == "fit":
             callbacks = list(callbacks) if isinstance(callbacks, list) else [callbacks]
-            usual: list[Callback] = [LearningRateMonitor()]
-            usual += [PictureGrid()] if isinstance(self.model, ConditionalVAE) else []
+            usual: list[Callback] = [Provenance(self._parser("fit").dump(self.config["fit"], skip_none=False))]
+            usual += [LearningRateMonitor()] if logger else []
+            usual += [PictureGrid()] if logger and isinstance(self.model, ConditionalVAE) else []
             named = {type(callback) for callback in callbacks}
             kwargs["callbacks"] = callbacks + [callback for callback in usual if type(callback) not in named]
         trainer = super().instantiate_trainer(**kwargs)
@@ -119,6 +126,32 @@ class _CLI(LightningCLI):
         if type(trainer.strategy.checkpoint_io) is TorchCheckpointIO:
             trainer.strategy.checkpoint_io = AtomicCheckpoints()
         return trainer
+
+    def _table(self, root: str) -> CSVLogger:
+        """A table in the run's next folder; in that of the checkpoint where a fit goes on."""
+        checkpoint = self.config[str(self.subcommand)].get("ckpt_path")
+        run = run_of(checkpoint) if self.subcommand == "fit" else None
+        if run is None:
+            return CSVLogger(root)
+        warnings.filterwarnings("ignore", message="Checkpoint directory .* exists and is not empty")
+        try:
+            step = int(read_torch(Path(str(checkpoint)))["global_step"])
+        except (ValueError, KeyError, TypeError):  # Lightning itself says what is wrong with it
+            step = sys.maxsize
+        return ContinuedCSVLogger(run, step)
+
+
+def _category_of(config: Namespace) -> Category | None:
+    """The category of a recipe's data, None where the data has none or is another's class with words of its own."""
+    value, path = config.get("data.init_args.category"), config.get("data.class_path")
+    if value is None or not isinstance(path, str):
+        return None
+    if isinstance(value, Namespace):
+        # Of a file that jsonargparse has read it keeps the path.
+        return Category.of_dict({name: one for name, one in value.as_dict().items() if name != "__path__"})
+    module, _, name = path.rpartition(".")
+    own = issubclass(getattr(importlib.import_module(module), name), ViewsDataModule)
+    return read_category(value) if own else CATEGORIES.get(str(value))
 
 
 def main(args: Sequence[str] | None = None) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 
 import torch
+from lightning.pytorch.cli import LRSchedulerCallable, OptimizerCallable
 from torch import Tensor
 
 from kfit.baselines import OrientationRegressor
@@ -24,12 +25,13 @@ class OrientationTraining(Training):
     Args:
         regressor: the network.
         rate: largest learning rate of AdamW; it rises over the first twentieth of the steps and falls as a cosine.
-        weight_decay: of AdamW.
+        weight_decay: weight decay of AdamW.
         weights: path of VGG16's ImageNet weights to start from, see `kfit.baselines.OrientationRegressor.fill`; None
             for random weights.
         corruption: random occlusion, brightness and shift; None for none.
         similarity: random scale of views before that. Views are assumed to be upright, so its ``roll_deg`` should be 0.
         compile: compile the regressor (`torch.compile`). Without a C++ compiler training goes on uncompiled.
+        optimizer, scheduler: as in `kfit.training.training.Training`; ``rate`` and ``weight_decay`` are of its AdamW.
 
     Raises:
         ValueError: if the weights belong to another network and, when training starts, if the trainer has no end.
@@ -45,8 +47,10 @@ class OrientationTraining(Training):
         corruption: RandomCorruption | None = None,
         similarity: RandomSimilarity | None = None,
         compile: bool = False,
+        optimizer: OptimizerCallable | None = None,
+        scheduler: LRSchedulerCallable | None = None,
     ) -> None:
-        super().__init__()
+        super().__init__(optimizer, scheduler)
         check_positive("rate", rate)
         check_range("weight_decay", weight_decay, 0)
         check_choice("compile", compile, (False, True))

@@ -6,6 +6,7 @@ import inspect
 import math
 
 import torch
+from lightning.pytorch.cli import LRSchedulerCallable, OptimizerCallable
 from torch import Tensor
 
 from kfit.core import Observation
@@ -31,12 +32,13 @@ class PoseTraining(Training):
         pose_head: the network.
         crop: random rotation and crop of views.
         rate: largest learning rate of AdamW; it rises over the first twentieth of the steps and falls as a cosine.
-        weight_decay: of AdamW.
+        weight_decay: weight decay of AdamW.
         recoloring: augmentation of colours; None for none.
         photometric: augmentation that makes views resemble crops of photos; None leaves them clean.
         mirror: flip half of the views, which changes azimuth α to π − α and roll ρ to −ρ. Objects of NOCS's categories
             are similar to their mirror images about the x–y plane, so this doubles the objects.
         compile: compile the head (`torch.compile`). Without a C++ compiler training goes on uncompiled.
+        optimizer, scheduler: as in `kfit.training.training.Training`; ``rate`` and ``weight_decay`` are of its AdamW.
 
     Raises:
         ValueError: when training starts, if the trainer has no end.
@@ -52,8 +54,10 @@ class PoseTraining(Training):
         photometric: PhotometricAugmentation | None = None,
         mirror: bool = True,
         compile: bool = False,
+        optimizer: OptimizerCallable | None = None,
+        scheduler: LRSchedulerCallable | None = None,
     ) -> None:
-        super().__init__()
+        super().__init__(optimizer, scheduler)
         check_positive("rate", rate)
         check_range("weight_decay", weight_decay, 0)
         check_choice("mirror", mirror, (False, True))

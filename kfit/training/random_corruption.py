@@ -57,7 +57,7 @@ def occluded(
     Args:
         image: (N, 3, H, W) on white.
         mask: (N, 1, H, W) in [0, 1].
-        share: of the mask's sum, in [0, 1], a number or (N,).
+        share: share of the mask's sum, in [0, 1], a number or (N,).
         rng: for the pixels; by default torch's.
 
     Returns:

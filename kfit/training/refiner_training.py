@@ -40,7 +40,7 @@ class RefinerTraining(Training):
         photograph: augmentation that makes views look like cut-outs of photos.
         recolor: augmentation of the colours of photo and drawing together.
         rate: largest learning rate of AdamW; it rises over the first twentieth of the steps and falls as a cosine.
-        weight_decay: of AdamW.
+        weight_decay: weight decay of AdamW.
         repeats: rows of earlier steps that are shown again, for each one that is drawn.
         memory: number of rows that are kept.
         compile: compile the refiner (`torch.compile`). Without a C++ compiler training continues uncompiled.

@@ -28,7 +28,7 @@ def fitted_rotations(generator: Generator, encoder: Encoder, observation: Observ
     different trainings can be compared.
 
     Args:
-        generator: of ``code``, ``azimuth`` and ``elevation``.
+        generator: generator with ``code``, ``azimuth`` and ``elevation``.
         encoder: picture → Gaussian over the code.
         observation: N views, with masks if the generator draws any, and intrinsics only if it has a ``focal``.
 

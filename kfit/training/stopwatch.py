@@ -22,12 +22,12 @@ class Stopwatch(Callback):
         warm_up: number of initial steps that are ignored, at least 1, because the first compiles networks.
 
     Attributes:
-        seconds: of a step, the median.
+        seconds: median duration of a step, in seconds.
         waited: from a step's end to the next one's beginning, the median: for data and callbacks.
         pairs: views a step.
         operations: floating point operations of a step's convolutions and products, forwards and backwards.
-        precision: of the trainer.
-        device: that trains.
+        precision: the trainer's precision.
+        device: device that is used for training.
         machine: GFLOP a second of matrix products in it.
     """
 

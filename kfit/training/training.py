@@ -10,6 +10,7 @@ from typing import Any
 
 import torch
 from lightning.pytorch import LightningModule
+from lightning.pytorch.cli import LRSchedulerCallable, OptimizerCallable, ReduceLROnPlateau
 from torch import Tensor, nn
 from torchmetrics import CatMetric
 
@@ -20,22 +21,33 @@ from kfit.runtime.devices import compile_networks
 
 
 class Training(LightningModule):
-    """Base of kfit's LightningModules: self-contained checkpoints, a learning-rate schedule, and common metrics.
+    """Base of kfit's LightningModules: self-contained checkpoints, choice of the optimizer, and common metrics.
+
+    Without an optimizer of its own it is trained by AdamW; without a scheduler, the rate rises over the first twentieth
+    of the steps and falls as a cosine. In a recipe they are named as in any of Lightning's:
+    ``optimizer: {class_path: torch.optim.SGD, init_args: {lr: 0.1}}``. A scheduler is stepped after each epoch.
 
     If `report` calls `record_rotations`, the median error is logged as ``val/rotation_deg`` or ``test/rotation_deg``,
     and the fractions of errors under 10° and 30°, which are average precisions as in the paper, as ``…/within_10deg``
     and ``…/within_30deg``, over all processes.
 
+    Args:
+        optimizer: function that builds the optimizer from the trained parameters.
+        scheduler: function that builds the scheduler from that optimizer.
+
     Attributes:
-        rate: largest learning rate.
-        weight_decay: of AdamW.
+        rate: largest learning rate of AdamW.
+        weight_decay: weight decay of AdamW.
     """
 
     rate: float
     weight_decay: float = 0.0
 
-    def __init__(self) -> None:
+    def __init__(
+        self, optimizer: OptimizerCallable | None = None, scheduler: LRSchedulerCallable | None = None
+    ) -> None:
         super().__init__()
+        self.make_optimizer, self.make_scheduler = optimizer, scheduler
         # In degrees; a fit that failed counts as 180. In a tuple, or it would stand among the networks that Lightning
         # lists.
         self._errors = (CatMetric(nan_strategy=180.0),)
@@ -102,13 +114,20 @@ class Training(LightningModule):
             self.print("no C++ compiler found: training goes on uncompiled")
 
     def configure_optimizers(self) -> Any:
-        """Return AdamW with a rate that rises over the first twentieth of the steps and falls as a cosine.
+        """Return the given optimizer and scheduler, else AdamW and a rate that rises and falls.
 
         Raises:
-            ValueError: for a trainer without an end.
+            ValueError: for kfit's own schedule and a trainer without an end.
         """
         trained = [parameter for parameter in self.parameters() if parameter.requires_grad]
-        optimizer = torch.optim.AdamW(trained, lr=self.rate, weight_decay=self.weight_decay)
+        if self.make_optimizer is not None:
+            optimizer = self.make_optimizer(trained)
+        else:
+            optimizer = torch.optim.AdamW(trained, lr=self.rate, weight_decay=self.weight_decay)
+        if self.make_scheduler is not None:
+            scheduler = self.make_scheduler(optimizer)
+            watched = {"monitor": scheduler.monitor} if isinstance(scheduler, ReduceLROnPlateau) else {}
+            return {"optimizer": optimizer, "lr_scheduler": {"scheduler": scheduler, **watched}}
         total = self.trainer.estimated_stepping_batches
         if total == math.inf:
             raise ValueError("the trainer needs max_epochs or max_steps: the rate falls towards the end of training")

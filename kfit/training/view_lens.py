@@ -15,7 +15,7 @@ def view_lens(generator: Generator, batch: Mapping[str, Tensor]) -> Variables:
 
     Args:
         generator: with ``unit_fraction``, as `kfit.generators.RadianceField`, if it has a ``focal``.
-        batch: of `kfit.data.ViewPairs`.
+        batch: batch of `kfit.data.ViewPairs`.
     """
     if "focal" not in generator.variables or "distance" not in batch:
         return {}

@@ -70,7 +70,7 @@ def test_a_free_turn_costs_nothing_where_it_is_one_for_the_whole_object() -> Non
 @pytest.mark.parametrize(
     ("settings", "sentence"),
     [
-        ({"symmetry": "x"}, "symmetry must be 'none' or 'y', got 'x'"),
+        ({"symmetry": "x"}, "symmetry must be one of none, y, y2"),
         ({"num_bins": 1}, "num_bins must be at least 2"),
     ],
 )

@@ -86,7 +86,7 @@ def test_a_missing_file_of_weights_is_reported() -> None:
 @pytest.mark.parametrize(
     ("settings", "sentence"),
     [
-        ({"symmetry": "z"}, "symmetry must be 'none' or 'y', got 'z'"),
+        ({"symmetry": "z"}, "symmetry must be one of none, y, y2"),
         ({"image_size": 48}, "image_size must be a multiple of 32, got 48"),
     ],
 )

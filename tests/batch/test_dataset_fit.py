@@ -20,6 +20,7 @@ from kfit.batch.fit_data import ObjectCropper
 from kfit.batch.nocs_fit import NOCSFit
 from kfit.batch.photo_folder import PhotoFolder
 from kfit.data import dump_pickle, load_pickle, read_results, result_files
+from kfit.geometry import CATEGORIES
 from kfit.metrics import evaluate_nocs
 from kfit.models import load, write_model
 from kfit.pose import CategoryModel
@@ -279,7 +280,7 @@ def test_processes_share_the_images_without_repeating_any(nocs, world_size, monk
 
 def test_processes_that_read_cut_the_same_out(nocs):
     data = NOCSFit(nocs, "real_test", batch_size=3)
-    data.left, data.cropper = data.names(), ObjectCropper({"mug": 64}, depth=False)
+    data.left, data.cropper = data.names(), ObjectCropper({"mug": (CATEGORIES["mug"], 64)}, depth=False)
     found = []
     for data.num_workers in (0, 2):
         found.append([image for batch in data.predict_dataloader() for image in batch])

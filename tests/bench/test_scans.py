@@ -8,7 +8,9 @@ import torch
 
 from kfit.bench.held_out_views import held_out_views
 from kfit.bench.pose_errors import measure
-from kfit.bench.scans import Scan, find_scans, scan_views
+from kfit.bench.scans import find_scans, scan_views
+from kfit.data.mesh_places import MeshFile
+from kfit.geometry import CATEGORIES
 from kfit.pose import CategoryModel
 
 FACES = "1 2 4,1 4 3,5 7 8,5 8 6,1 5 6,1 6 2,3 4 8,3 8 7,1 3 7,1 7 5,2 6 8,2 8 4"
@@ -24,7 +26,7 @@ def write_box(folder: Path, sides: tuple[float, float, float] = (1, 2, 3)) -> Pa
 def test_whole_words_of_names_tell_the_category(tmp_path: Path) -> None:
     for name in ("002_master_chef_can", "ycb/025_mug", "scanned", "Shampoo"):
         write_box(tmp_path / name)
-    scans, unknown = find_scans([str(tmp_path)])
+    scans, unknown = find_scans([str(tmp_path)], CATEGORIES)
     assert {scan.name: scan.category for scan in scans} == {"002_master_chef_can": "can", "025_mug": "mug"}
     assert {path.parent.name for path in unknown} == {"scanned", "Shampoo"}
 
@@ -32,11 +34,11 @@ def test_whole_words_of_names_tell_the_category(tmp_path: Path) -> None:
 def test_the_category_of_an_argument_counts_before_the_name_of_a_scan(tmp_path: Path) -> None:
     for name in ("mug", "shampoo"):
         write_box(tmp_path / name)
-    said = [f"bottle={tmp_path / 'shampoo'}@-y", f"bowl={tmp_path / 'mug'}", f"{tmp_path}@y"]
-    scans, unknown = find_scans(said)
+    said = [f"{tmp_path}@y", f"bottle={tmp_path / 'shampoo'}@-y", f"bowl={tmp_path / 'mug'}"]
+    scans, unknown = find_scans(said, CATEGORIES)
     assert {(scan.name, scan.category, scan.up) for scan in scans} == {
         ("shampoo", "bottle", "-y"),
-        ("mug", "bowl", "z"),
+        ("mug", "bowl", "y"),
     }
     assert not unknown
 
@@ -44,15 +46,15 @@ def test_the_category_of_an_argument_counts_before_the_name_of_a_scan(tmp_path: 
 def test_places_that_say_nothing_known_get_a_sentence(tmp_path: Path) -> None:
     folder = write_box(tmp_path / "mug")
     with pytest.raises(ValueError, match="names category 'teapot'; those known are bottle"):
-        find_scans([f"teapot={folder}"])
+        find_scans([f"teapot={folder}"], CATEGORIES)
     with pytest.raises(ValueError, match="says that 'w' is up; known are x, -x, y"):
-        find_scans([f"{folder}@w"])
+        find_scans([f"{folder}@w"], CATEGORIES)
 
 
 @pytest.mark.parametrize("up", ["x", "-x", "y", "-y", "z", "-z"])
 def test_up_comes_to_y_by_a_rotation_that_spares_x_where_it_can(tmp_path: Path, up: str) -> None:
     sides = (1, 2, 3)
-    mesh = Scan(write_box(tmp_path / "mug", sides) / "textured.obj", "mug", up).mesh()
+    mesh = MeshFile(write_box(tmp_path / "mug", sides) / "textured.obj", "mug", up).mesh()
     diagonal = np.linalg.norm(sides)
     assert np.isclose(mesh.extents[1], sides["xyz".index(up[-1])] / diagonal)
     assert np.isclose(np.linalg.norm(mesh.extents), 1)
@@ -72,7 +74,7 @@ def test_the_end_that_is_up_is_up(tmp_path: Path, up: str, sign: int) -> None:
     lines = (folder / "textured.obj").read_text().splitlines()
     lines[8:] = [*(line for line in lines[8:] if line[0] == "f"), "v {} {} {}".format(*far), "f 1 2 9"]
     (folder / "textured.obj").write_text("\n".join(lines) + "\n")
-    vertices = Scan(folder / "textured.obj", "mug", up).mesh().vertices
+    vertices = MeshFile(folder / "textured.obj", "mug", up).mesh().vertices
     tip = vertices[np.argmax(np.abs(vertices[:, 1]))]
     ends = sorted(set(np.round(vertices[:, 1], 5)))
     assert abs(tip[1]) > 0
@@ -83,7 +85,7 @@ def test_the_end_that_is_up_is_up(tmp_path: Path, up: str, sign: int) -> None:
 def test_views_of_a_scan_show_it_with_its_pose_in_lights_of_their_own(
     tiny_model: CategoryModel, tmp_path: Path
 ) -> None:
-    scan = Scan(write_box(tmp_path / "mug") / "textured.obj", "mug")
+    scan = MeshFile(write_box(tmp_path / "mug") / "textured.obj", "mug")
     views, again = (scan_views(tiny_model, scan, 2, seed=3) for _ in range(2))
     assert views.observation.image.shape == (2, 3, 64, 64)
     assert torch.equal(views.observation.image, again.observation.image)

@@ -10,7 +10,7 @@ from kfit.cli.main import COMMANDS, TRAINING, main, parser
 from kfit.runtime.help_page import tree
 
 NAMES = ["", *COMMANDS, *(f"bench {name}" for name in BENCHMARKS)]
-GENERAL = {"-h", "-q", "-v", "--version"}
+GENERAL = {"-h", "-q", "-v", "--version", "--import"}
 
 
 def page_of(name, capsys):

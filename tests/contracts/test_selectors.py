@@ -125,5 +125,5 @@ class TestARotationVote:
             RotationVote(**settings)
 
     def test_refuses_a_symmetry_of_another_name_when_it_is_built(self):
-        with pytest.raises(ValueError, match="symmetry must be 'none' or 'y', got 'z'"):
+        with pytest.raises(ValueError, match="symmetry must be one of none, y, y2"):
             RotationVote("z")

@@ -2,8 +2,8 @@
 
 The blocks of a page run in order, in one namespace and one folder. Where a page takes a reader's own photo, video or
 meshes for granted, the stand-ins below are there. A block of Python that begins with ``# name.py`` and one of YAML that
-begins with ``# name.yaml`` are saved under that name too. Comments that a reader does not see steer the rest: after
-``<!-- run -->`` a block of commands runs, and after ``<!-- slow -->`` a block runs with ``--runslow`` alone.
+begins with ``# name.yaml`` are saved under that name too. After a comment ``<!-- run -->``, which a reader does not
+see, a block of commands runs; the words of all other commands are parsed.
 """
 
 from __future__ import annotations
@@ -138,15 +138,16 @@ def place(files: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Itera
             del sys.modules[name]
 
 
-def go_through(page: Path, place: Path, slow: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.slow
+@pytest.mark.parametrize("page", WITH_BLOCKS, ids=name_of)
+def test_what_a_page_tells_to_type_works(page: Path, place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     names: dict[str, object] = {"frames": [data.coffee()] * 2, "first_mask": MASK}  # as a reader's own
     for block in blocks_of(page.read_text()):
         where = f"{name_of(page)}:{block.line}"
         file = re.match(r"# (\w+\.(?:py|yaml))\n", block.text)
         if file:
             (place / file[1]).write_text(block.text)
-        runs = slow or block.marker != "slow"
-        if block.language == "python" and runs:
+        if block.language == "python":
             with redirect_stdout(io.StringIO()):
                 exec(compile("\n" * block.line + block.text, name_of(page), "exec"), names)
         elif block.language == "yaml":
@@ -163,21 +164,9 @@ def go_through(page: Path, place: Path, slow: bool, monkeypatch: pytest.MonkeyPa
                         check(words, patch)
                 except SystemExit:
                     pytest.fail(f"{where}: the parser refuses: kfit {shlex.join(words)}")
-                if block.marker == "run" or (slow and block.marker == "slow"):
+                if block.marker == "run":
                     done = subprocess.run([sys.executable, "-m", "kfit", *words], capture_output=True, text=True)
                     assert done.returncode == 0, f"{where}: {done.stderr}"
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("page", WITH_BLOCKS, ids=name_of)
-def test_what_a_page_tells_to_type_works(page: Path, place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    go_through(page, place, False, monkeypatch)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("page", [page for page in PAGES if "<!-- slow -->" in page.read_text()], ids=name_of)
-def test_what_takes_minutes_works_too(page: Path, place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    go_through(page, place, True, monkeypatch)
 
 
 @pytest.mark.parametrize("words", ["pose photo.jpg --kind mug", "fit -c recipes/smoke.yaml --model.hue 1"])

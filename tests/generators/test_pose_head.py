@@ -18,7 +18,7 @@ def test_gives_log_probabilities_over_upright_bins(symmetry, bins) -> None:
 @pytest.mark.parametrize(
     ("settings", "sentence"),
     [
-        ({"symmetry": "z"}, "PoseHead: symmetry must be 'none' or 'y', got 'z'"),
+        ({"symmetry": "z"}, "PoseHead: symmetry must be one of none, y, y2"),
         ({"bin_deg": 0.5}, "PoseHead: bin_deg must lie between 1 and 90"),
         ({"sigma_deg": 0.0}, "PoseHead: sigma_deg must lie between"),
         ({"elevation_deg": (30.0, 20.0)}, "PoseHead: elevation_deg must rise within"),

@@ -89,7 +89,7 @@ def test_learns_the_rotations_of_two_pictures_at_all_rolls(symmetry) -> None:
 @pytest.mark.parametrize(
     ("settings", "sentence"),
     [
-        ({"symmetry": "z"}, "RotationHead: symmetry must be 'none' or 'y', got 'z'"),
+        ({"symmetry": "z"}, "RotationHead: symmetry must be one of none, y, y2"),
         ({"bin_deg": 0.5}, "RotationHead: bin_deg must lie between 5 and 90"),
         ({"bin_deg": 11.0}, "RotationHead: bin_deg must divide 180, got 11"),
         ({"sigma_deg": 0.0}, "RotationHead: sigma_deg must lie between"),

@@ -89,5 +89,5 @@ def test_errors_broadcast_over_rows() -> None:
 
 
 def test_an_unknown_symmetry_is_named() -> None:
-    with pytest.raises(ValueError, match="symmetry must be 'none' or 'y', got 'z'"):
+    with pytest.raises(ValueError, match="symmetry must be one of none, y, y2"):
         rotation_error(torch.eye(3), torch.eye(3), "z")  # type: ignore[arg-type]

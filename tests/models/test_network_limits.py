@@ -3,7 +3,7 @@
 import pytest
 
 from kfit.generators import VAE2D, ConvEncoder, ExtentsHead
-from kfit.models.network_limits import check_arguments, check_drawing
+from kfit.pose.network_limits import check_arguments, check_drawing
 
 
 def test_code_may_build_what_no_file_may_ask_for():

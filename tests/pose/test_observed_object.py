@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import torch
 
+from kfit.geometry import CATEGORIES
 from kfit.pose.observed_object import ObservedObject
 
 PHOTO = np.random.default_rng(0).random((120, 160, 3), np.float32)
@@ -14,7 +15,7 @@ DEPTH = np.full(MASK.shape, 0.7, np.float32)
 
 
 def seen(mask=MASK, **given):
-    return ObservedObject.of(PHOTO, "mug", 32, mask, **{"intrinsics": CAMERA, **given})
+    return ObservedObject.of(PHOTO, CATEGORIES["mug"], 32, mask, **{"intrinsics": CAMERA, **given})
 
 
 def test_a_stray_pixel_changes_nothing_but_the_notes():

@@ -15,6 +15,7 @@ from fitted import KEPT, PRUNED_AT, STARTS, STEPS, fitted_mug
 import kfit
 from kfit.callbacks import Pruning
 from kfit.core import Observation
+from kfit.geometry import CATEGORIES
 from kfit.pose.observed_object import ObservedObject as ObservedObject
 from kfit.reports.fit_frames import fit_frames
 from kfit.reports.html_page import number, page
@@ -165,7 +166,7 @@ def test_an_answer_from_a_fit_of_several_objects_has_a_page_of_its_own() -> None
         intrinsics=found.field("intrinsics").repeat(2, 1, 1),
         keys=(1, 0),
     )
-    observed = ObservedObject.of(alone.image, "mug", 64, mask=alone.mask)
+    observed = ObservedObject.of(alone.image, CATEGORIES["mug"], 64, mask=alone.mask)
     pipeline = model.pipeline(STARTS, STEPS, [Pruning({PRUNED_AT: KEPT})])
     answers = model.answers(pipeline(both, seed=0), [observed, observed], both)
     assert answers[1] is not None

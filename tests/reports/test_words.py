@@ -9,7 +9,7 @@ import pytest
 import torch
 from fitted import fitted_mug
 
-from kfit.geometry import rotation_from_angles, to_opencv
+from kfit.geometry import CATEGORIES, rotation_from_angles, to_opencv
 from kfit.reports import describe
 from kfit.reports.words import confidence_level, confidence_words, length, lengths, view_words
 
@@ -18,7 +18,7 @@ STRAIGHT_ON = np.array([0.0, 0.0, 0.5])
 
 def view(azimuth: float, elevation: float, roll: float = 0.0, category: str = "mug") -> str:
     angles = torch.tensor([azimuth, elevation, roll]).double().deg2rad()
-    return view_words(category, to_opencv(rotation_from_angles(*angles)).numpy(), STRAIGHT_ON)
+    return view_words(CATEGORIES[category].front, to_opencv(rotation_from_angles(*angles)).numpy(), STRAIGHT_ON)
 
 
 @pytest.mark.parametrize(

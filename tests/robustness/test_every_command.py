@@ -20,6 +20,7 @@ import kfit.models
 from kfit.bench.command import BENCHMARKS
 from kfit.cli import main as command_line
 from kfit.cli.main import COMMANDS, main
+from kfit.cli.pose_arguments import _number
 from kfit.fitting.pipeline import FitPipeline
 
 ROOT = Path(__file__).parents[2]
@@ -84,6 +85,7 @@ def words_for(action: argparse.Action) -> st.SearchStrategy[str] | None:
     return {
         int: LETTERS | strange | st.sampled_from(["1.5", ".nan", ".inf", "1e3", str(10**30), str(-(10**30))]),
         float: LETTERS | strange | st.sampled_from(["nan", ".nan", ".inf", "-.inf", "1e400"]),
+        _number: LETTERS | strange | st.sampled_from(["nan", ".nan", ".inf", "-.inf", "1e400"]),
         bool: LETTERS | st.sampled_from(["", "null", "2", "[true]"]),
         list[str]: LETTERS | st.sampled_from(["", "null", "1", "{a: 1}", "[[]]", "[1]", "[mug,"]),
     }.get(kind(action))
@@ -182,7 +184,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
         shutil.copy(folder / "photo.png", folder / f"frames/{number}.png")
     shutil.copy(Path(kfit.models.__file__).parent / "bundled/bowl.safetensors", folder / "own.safetensors")
     (folder / "cut.safetensors").write_bytes((folder / "own.safetensors").read_bytes()[:5000])
-    for end in ("", ".onnx", ".yaml", ".npy", ".ckpt", ".pkl", ".safetensors", ".pth", ".mp4"):
+    for end in ("", ".onnx", ".yaml", ".npy", ".ckpt", ".pkl", ".safetensors", ".pth", ".mp4", ".json"):
         (folder / f"garbage{end}").write_bytes(b"garb\0age")
     os.mkfifo(folder / "pipe")
     return folder
@@ -194,6 +196,7 @@ READ = {
     "pose --mask": (["{}/photo.png", "--category", "mug"], ""),
     "pose --segmenter": (["{}/photo.png", "--category", "mug"], ".onnx"),
     "pose --depth": (["{}/photo.png", "--category", "mug", "--mask", "{}/mask.png"], ".npy"),
+    "pose --relative-poses": (["{}/photo.png", "{}/mask.png", "--category", "mug"], ".json"),
     "pose --ignore": (["{}/photo.png", "--category", "mug", "--mask", "{}/mask.png"], ""),
     "pose --model": (["{}/photo.png", "--mask", "{}/mask.png"], ".safetensors"),
     "pose --fit": (["{}/photo.png", "--category", "mug", "--mask", "{}/mask.png"], ".yaml"),
@@ -219,7 +222,7 @@ READ = {
 }
 
 
-QUICK = ("pose photo", "pose --mask", "pose --depth", "video frames", "calibrate --model")
+QUICK = ("pose photo", "pose --mask", "pose --depth", "pose --relative-poses", "video frames", "calibrate --model")
 
 
 @pytest.mark.parametrize(

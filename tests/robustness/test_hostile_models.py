@@ -17,9 +17,9 @@ import torch
 from model_file import card_of, put_card
 
 from kfit.models import load
-from kfit.models.files import read_checkpoint
 from kfit.models.load import BUNDLED
 from kfit.pose import Card
+from kfit.pose.model_files import read_checkpoint
 from kfit.runtime.torch_file import LARGEST_WEIGHTS, read_torch
 
 MUG = BUNDLED / "mug.safetensors"

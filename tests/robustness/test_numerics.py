@@ -18,6 +18,7 @@ from kfit.callbacks import Pruning, Stopping
 from kfit.core import FitError, FitResult, Initializer, Observation, Optimizer, Prior
 from kfit.energies import L2, Depth, Silhouette
 from kfit.generators import MetricDepth, RadianceField, SimilarityWarp, Template, fixed_camera
+from kfit.geometry import CATEGORIES
 from kfit.initializers import Constant, FromCamera, FromDepth, Uniform
 from kfit.optimizers import CMAES, Adam, LevenbergMarquardt, Stages
 from kfit.pose.observed_object import ObservedObject
@@ -226,4 +227,4 @@ def test_depth_known_at_too_few_pixels_is_reported_of_that_object_alone() -> Non
     depth = np.zeros((400, 400), np.float32)
     depth[200, 200] = 0.2
     with pytest.raises(ValueError, match="depth is known at too few pixels of the object: none is left in its 64 x 64"):
-        ObservedObject.of(np.ones((400, 400, 3), np.float32), "mug", 64, np.ones((400, 400)), depth=depth)
+        ObservedObject.of(np.ones((400, 400, 3), np.float32), CATEGORIES["mug"], 64, np.ones((400, 400)), depth=depth)

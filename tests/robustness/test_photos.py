@@ -16,6 +16,7 @@ from PIL import Image, ImageCms
 
 from kfit.cli.main import main
 from kfit.fitting.pipeline import FitPipeline
+from kfit.geometry import CATEGORIES
 from kfit.pose.category_model import CategoryModel
 from kfit.pose.observed_object import ObservedObject
 from kfit.segmentation import Frames, Photo, depth_from_file, mask_from_alpha, mask_from_file, read_photo
@@ -136,7 +137,8 @@ def test_a_photo_turned_by_exif_is_the_upright_one(orientation: int, tmp_path: P
     stored.save(tmp_path / "p.png", exif=exif)
     mask = (MASK > 0).astype(np.float32)
     upright, seen = (
-        ObservedObject.of(photo, "mug", 32, mask, intrinsics=CAMERA) for photo in (PIXELS, tmp_path / "p.png")
+        ObservedObject.of(photo, CATEGORIES["mug"], 32, mask, intrinsics=CAMERA)
+        for photo in (PIXELS, tmp_path / "p.png")
     )
     np.testing.assert_array_equal(seen.image, upright.image)
     for field in ("image", "mask"):
@@ -182,7 +184,7 @@ def test_odd_masks_are_taken(mask: str, tmp_path: Path) -> None:
     found = mask_from_file(tmp_path / "m.png", (48, 64))
     np.testing.assert_array_equal(found, MASKS[mask] > 0)
     for kind in (np.uint8, bool, np.float64, np.int32):
-        seen = ObservedObject.of(PIXELS, "mug", 32, MASKS[mask].astype(kind))
+        seen = ObservedObject.of(PIXELS, CATEGORIES["mug"], 32, MASKS[mask].astype(kind))
         np.testing.assert_array_equal(seen.mask, MASKS[mask] > 0)
         assert bool(seen.observation.field("image").isfinite().all())
 

@@ -9,6 +9,7 @@ import pytest
 import torch
 
 from kfit.fitting.pipeline import FitPipeline
+from kfit.geometry import CATEGORIES
 from kfit.pose.category_model import CategoryModel
 from kfit.pose.observed_object import ObservedObject
 
@@ -91,8 +92,8 @@ def test_wrong_arguments_are_refused_before_a_fit(
 
 def test_tensors_and_lists_do_as_well_as_arrays() -> None:
     photo, mask, camera = PIXELS.astype(np.float32) / 255, GOOD.tolist(), torch.from_numpy(CAMERA)
-    seen = ObservedObject.of(torch.from_numpy(photo).requires_grad_(), "mug", 32, mask, None, camera)  # type: ignore[arg-type]
-    plain = ObservedObject.of(photo, "mug", 32, GOOD, None, CAMERA)
+    seen = ObservedObject.of(torch.from_numpy(photo).requires_grad_(), CATEGORIES["mug"], 32, mask, None, camera)  # type: ignore[arg-type]
+    plain = ObservedObject.of(photo, CATEGORIES["mug"], 32, GOOD, None, CAMERA)
     assert torch.equal(seen.observation.field("image"), plain.observation.field("image"))
     assert torch.equal(seen.intrinsics, plain.intrinsics)
 
@@ -100,6 +101,6 @@ def test_tensors_and_lists_do_as_well_as_arrays() -> None:
 def test_colours_that_rounding_took_out_of_range_are_taken() -> None:
     photo = PIXELS.astype(np.float64) / 255
     photo[5, 5], photo[6, 6] = 1 + 1e-7, -1e-7
-    seen = ObservedObject.of(photo, "mug", 32, GOOD, None, CAMERA)
+    seen = ObservedObject.of(photo, CATEGORIES["mug"], 32, GOOD, None, CAMERA)
     assert seen.image.min() == 0
     assert seen.image.max() == 1

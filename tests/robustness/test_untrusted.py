@@ -20,9 +20,9 @@ from kfit.data.views import Views
 from kfit.features import VGG16
 from kfit.generators import OnnxGenerator
 from kfit.models import load
-from kfit.models.files import read_checkpoint
 from kfit.models.released import load_released
 from kfit.pose.fit_recipe import fit_of
+from kfit.pose.model_files import read_checkpoint
 from kfit.segmentation import depth_from_file, load_segmenter, mask_from_file, read_photo
 
 READERS: dict[str, Callable[[Path], Any]] = {

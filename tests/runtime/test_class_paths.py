@@ -9,8 +9,8 @@ from lightning.pytorch import LightningModule
 
 from kfit.fitting import Linear
 from kfit.models import load
-from kfit.models.files import _kind
 from kfit.pose.fit_recipe import fit_of
+from kfit.pose.model_files import _kind
 from kfit.runtime.class_paths import MOVED, current_path, current_paths, current_word
 from kfit.training.lightning_cli import _Parser, main
 

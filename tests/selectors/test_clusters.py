@@ -57,7 +57,7 @@ def test_hears_roll_where_there_is_one() -> None:
 @pytest.mark.parametrize(
     ("settings", "sentence"),
     [
-        ({"symmetry": "z"}, "Clusters: symmetry must be 'none' or 'y', got 'z'"),
+        ({"symmetry": "z"}, "Clusters: symmetry must be one of none, y, y2"),
         ({"within_deg": -1.0}, "Clusters: within_deg must lie between 0 and 180"),
         ({"temperature": 0.0}, "Clusters: temperature must lie between"),
     ],

@@ -16,9 +16,9 @@ class Example:
     """A picture with one object, and a mask that shows it.
 
     Attributes:
-        name: of its files.
-        category: of the object.
-        title: what people see of it.
+        name: common name of its files.
+        category: category of the object.
+        title: title that users see.
     """
 
     name: str

@@ -45,7 +45,7 @@ class Schedule:
 
     Attributes:
         starts: a view, on an even grid of azimuths and elevations.
-        steps: of Adam; three eighths of the starts go on after step 3, an eighth after step 10.
+        steps: numbers of steps of Adam; three eighths of the starts go on after step 3, an eighth after step 10.
     """
 
     starts: int
@@ -62,9 +62,9 @@ class Found:
     Attributes:
         rotation_deg: (N,) errors by the category's symmetry; by the vertical axis alone where a handle is hidden.
         translation_cm: (N,) errors; None for methods without translation.
-        boxes: of the first views, rotation (3, 3) in OpenCV axes, translation (3,) and size (3,) in metres.
+        boxes: boxes of the first views, rotation (3, 3) in OpenCV axes, translation (3,) and size (3,) in metres.
         drawing: (`SHOWN`, 3, S, S) of the first views, where something was drawn.
-        results: of the fits, where there were any.
+        results: results of the fits, where there were any.
     """
 
     rotation_deg: Tensor

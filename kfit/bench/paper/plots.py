@@ -25,7 +25,7 @@ def curves(found: Mapping[str, Mapping[str, Arrays]], what: str, label: str, lim
     Args:
         found: by category and the method's title.
         what: the errors' name; methods without them are left out.
-        label: of the thresholds.
+        label: label of the thresholds.
         limit: largest threshold.
     """
     figure = Figure(figsize=(max(5.2, 4.2 * len(found) + 0.4), 4.2), layout="constrained")

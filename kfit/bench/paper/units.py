@@ -17,6 +17,7 @@ from kfit.baselines import CoordinateRegressor, OrientationRegressor
 from kfit.bench.held_out_views import HeldOutViews, held_out_views
 from kfit.bench.paper import drawings, fits
 from kfit.bench.paper.fits import Schedule
+from kfit.bench.paper.published import published_fit
 from kfit.bench.paper.variants import VARIANTS, Training
 from kfit.core import Observation
 from kfit.geometry import PoseNetwork
@@ -35,6 +36,17 @@ TABLES = {
     "backbone": ("full", "field", "full+kfit", "field+kfit"),
     "curves": ("full", "field+kfit", "field+depth", "regressor", "coordinates", "pose_head"),
     "robustness": ("full+robustness", "regressor+robustness"),
+    "paper_1a": ("paper_without_3d", "paper_without_vae", "paper"),
+    "paper_1b": ("paper_code_4", "paper", "paper_code_128"),
+    "paper_2a": ("paper+l1", "paper+l2", "paper+ssim", "paper+no_prior", "paper"),
+    "paper_curves": ("paper", "paper_depth+depth", "regressor", "coordinates", "pose_head"),
+    "paper_robustness": ("paper+robustness", "regressor+robustness"),
+}
+"""Units by table, those of the paper's own configuration last."""
+# The row that the others of a table are compared with.
+REFERENCE = {
+    **dict.fromkeys(("1a", "1b", "2a", "backbone"), "full"),
+    **dict.fromkeys(("paper_1a", "paper_1b", "paper_2a"), "paper"),
 }
 # Robustness is studied on the paper's category, and on so many views, for each is fitted at every strength.
 STUDIED, ROBUST_VIEWS = "laptop", 20
@@ -46,11 +58,12 @@ class Measuring:
     """How units are measured.
 
     Attributes:
-        training: of the variants.
-        schedule: of fits.
-        views: of as many unseen objects.
+        training: training settings of the variants.
+        schedule: schedule of fits.
+        views: views of that many unseen objects.
         seed: chooses them.
         tell: called with the current task, and the numbers of finished and all views.
+        base: variant whose model crops the views for methods that draw nothing.
     """
 
     training: Training
@@ -58,6 +71,7 @@ class Measuring:
     views: int
     seed: int
     tell: Callable[[str, int, int], None]
+    base: str = "full"
 
     def measured(self, unit: str, category: str) -> Arrays:
         """A unit's arrays: from its file where it was measured before in the same way, else measured now."""
@@ -65,7 +79,7 @@ class Measuring:
         checkpoint = self.training.trained(variant, category)
         asked = {"views": self.views, "seed": self.seed, "steps": self.training.steps, **asdict(self.schedule)}
         asked["trained"] = checkpoint.stat().st_mtime_ns
-        path = self.training.runs / category / f"{unit}.npz"
+        path = self.training.place(category) / f"{unit}.npz"
         if path.is_file():
             with np.load(path) as file:
                 if str(file["settings"]) == json.dumps(asked):
@@ -76,7 +90,7 @@ class Measuring:
 
     def _measure(self, variant: str, how: str, category: str, checkpoint: Path) -> Arrays:
         names = VARIANTS[variant].networks
-        fitted = variant if "generator" in names else "full"
+        fitted = variant if "generator" in names else self.base
         model = self._model(fitted, category, self.training.trained(fitted, category))
         if how == "robustness":
             return self._robustness(variant, category, checkpoint, model)
@@ -87,7 +101,9 @@ class Measuring:
         }
         if "generator" not in names:
             return arrays | self._read_out(variant, category, checkpoint, views).arrays()
-        found = fits.by_fit(model, views, self._pipeline(model, how), self._teller(f"{category}, {variant} {how}"))
+        found = fits.by_fit(
+            model, views, self._pipeline(variant, model, how), self._teller(f"{category}, {variant} {how}")
+        )
         if not how:
             arrays["samples"] = (255 * drawings.prior_samples(model, SAMPLES, self.seed)).round().byte().numpy()
             arrays["l1"] = np.array(drawings.novel_view_l1(model, self.training.cache))
@@ -111,12 +127,18 @@ class Measuring:
             if variant == "regressor":
                 found = self._read_out(variant, category, checkpoint, views)
             else:
-                pipeline = fits.paper_fit(model, self.schedule, centred=False)
+                pipeline = self._pipeline(variant, model, "robustness")
                 found = fits.by_fit(model, views, pipeline, lambda done: None)
             arrays[name] = found.rotation_deg.numpy()
         return arrays
 
-    def _pipeline(self, model: CategoryModel, how: str) -> FitPipeline:
+    def _pipeline(self, variant: str, model: CategoryModel, how: str) -> FitPipeline:
+        if variant.startswith("paper"):
+            if self.training.vgg16 is None:
+                raise ValueError("the paper's configuration compares by VGG16's features: give their file by --vgg16")
+            return published_fit(model, self.training.vgg16, how)
+        if how == "robustness":
+            return fits.paper_fit(model, self.schedule, centred=False)
         if how in ("kfit", "depth"):
             return fits.kfit_fit(model, self.schedule, how == "depth")
         return fits.paper_fit(model, self.schedule, how if how in fits.ENERGIES else "perceptual", how != "no_prior")

@@ -20,10 +20,10 @@ class Variant:
     """One network.
 
     Attributes:
-        title: what tables call it.
+        title: title in tables.
         recipe: file that trains it.
         settings: words after the recipe in which it differs.
-        networks: what `kfit.models.read_checkpoint` finds in its checkpoint; by default a generator's.
+        networks: networks that `kfit.models.read_checkpoint` finds in its checkpoint; by default a generator's.
     """
 
     title: str
@@ -37,6 +37,13 @@ def _code(dim: int) -> tuple[str, ...]:
     return tuple(word for part in parts for word in (f"--model.init_args.{part}.init_args.code_dim", str(dim)))
 
 
+PAPER = "vae3d_paper.yaml"
+# λ as the paper prints it.
+PRINTED_KL = ("--model.init_args.kl_weight", "0.01")
+WITH_DEPTH = (
+    *("--model.init_args.generator.init_args.depth", "true"),
+    *("--model.init_args.losses.depth", "kfit.energies.Depth"),
+)
 VARIANTS = {
     "full": Variant("compact VAE3D, code of 16"),
     "without_3d": Variant("compact VAE2D (w/o 3D)", settings=("--model.init_args.generator", "kfit.generators.VAE2D")),
@@ -44,6 +51,16 @@ VARIANTS = {
     "code_4": Variant("compact VAE3D, code of 4", settings=_code(4)),
     "code_128": Variant("compact VAE3D, code of 128", settings=_code(128)),
     "field": Variant("RadianceField", settings=("--model.init_args.generator", "kfit.generators.RadianceField")),
+    "paper": Variant("the paper's VAE3D, code of 16", PAPER, PRINTED_KL),
+    "paper_without_3d": Variant(
+        "VAE2D (w/o 3D)", PAPER, (*PRINTED_KL, "--model.init_args.generator", "kfit.generators.VAE2D")
+    ),
+    "paper_without_vae": Variant(
+        "the paper's VAE3D, no KL term (w/o VAE)", PAPER, ("--model.init_args.kl_weight", "0")
+    ),
+    "paper_code_4": Variant("the paper's VAE3D, code of 4", PAPER, (*PRINTED_KL, *_code(4))),
+    "paper_code_128": Variant("the paper's VAE3D, code of 128", PAPER, (*PRINTED_KL, *_code(128))),
+    "paper_depth": Variant("the paper's VAE3D, depth as a channel", PAPER, (*PRINTED_KL, *WITH_DEPTH)),
     "regressor": Variant("VGG16 regressor", "regressor.yaml", networks=("regressor",)),
     "coordinates": Variant("NOCS-style, RGB-D", "nocs_regressor.yaml", networks=("regressor",)),
     "pose_head": Variant("pose head alone", "pose_head.yaml", networks=("pose_head",)),
@@ -55,13 +72,15 @@ class Training:
     """What every variant is trained with.
 
     Attributes:
-        steps: of the optimizer, a multiple of `EPOCHS`; each sees as many pairs as the recipes' batch holds.
+        steps: number of steps of the optimizer, a multiple of `EPOCHS`; each sees as many pairs as the recipes' batch
+            holds.
         objects: procedural objects, with ten views each.
         recipes: folder of the recipes.
         cache: folder of rendered views.
         runs: folder of trainings; one a category and variant.
         vgg16: file of VGG16's ImageNet weights that the regressor starts from, as the paper's; None starts it from
             nothing.
+        seed: seed of the training's random numbers and objects.
     """
 
     steps: int
@@ -70,9 +89,14 @@ class Training:
     cache: Path
     runs: Path
     vgg16: str | None = None
+    seed: int = 0
 
     def folder(self, name: str, category: str) -> Path:
-        return self.runs / category / name
+        return self.place(category) / name
+
+    def place(self, category: str) -> Path:
+        """Folder of a category's trainings and figures; those of another seed than 0 have one of their own."""
+        return self.runs / category if not self.seed else self.runs / f"seed_{self.seed}" / category
 
     def command(self, name: str, category: str) -> list[str]:
         """Words after ``lightning`` that train a variant."""
@@ -82,6 +106,7 @@ class Training:
             *("fit", "-c", str(self.recipes / variant.recipe), *variant.settings, *started),
             *("--data.category", category, "--data.num_objects", str(self.objects), "--data.batch_size", "32"),
             *("--data.cache_dir", str(self.cache), "--trainer.default_root_dir", str(self.folder(name, category))),
+            *(("--seed_everything", str(self.seed), "--data.seed", str(self.seed)) if self.seed else ()),
             *("--trainer.max_epochs", str(EPOCHS), "--trainer.limit_train_batches", str(self.steps // EPOCHS)),
         ]
 

@@ -18,8 +18,8 @@ from torch import Tensor, nn
 from kfit.core import Encoder, Generator
 from kfit.generators import ExtentsHead
 from kfit.geometry import PoseNetwork
-from kfit.models.network_limits import LimitedSize, check_arguments, check_drawing
 from kfit.pose.card import LARGEST, NETWORKS, OPTIONAL, Card
+from kfit.pose.network_limits import LimitedSize, check_arguments, check_drawing
 from kfit.runtime.atomic_write import atomic_write
 from kfit.runtime.class_paths import current_paths
 from kfit.runtime.torch_file import LARGEST_WEIGHTS, read_torch
@@ -66,13 +66,18 @@ def write_model(path: Path, networks: dict[str, nn.Module], card: Card) -> None:
         >>> kfit.load("copy.safetensors").card.category
         'can'
     """
+    content = model_content(networks, card)
+    atomic_write(path.parent, {path.name: lambda place: place.write_bytes(content)})
+
+
+def model_content(networks: dict[str, nn.Module], card: Card) -> bytes:
+    """Return the content that `write_model` writes."""
     numbers = {
         f"{name}.{key}": (tensor.half() if tensor.is_floating_point() else tensor).contiguous()
         for name, network in networks.items()
         for key, tensor in network.state_dict().items()
     }
-    content = save(numbers, {METADATA: card.to_json()})
-    atomic_write(path.parent, {path.name: lambda place: place.write_bytes(content)})
+    return save(numbers, {METADATA: card.to_json()})
 
 
 def read_model(path: Path) -> tuple[dict[str, nn.Module], Card]:
@@ -158,8 +163,8 @@ def read_checkpoint(path: Path, names: Sequence[str] = NETWORKS) -> tuple[dict[s
     If the training averaged weights, the averages are read.
 
     Args:
-        path: of the checkpoint.
-        names: of the networks: `kfit.training.ConditionalVAE`'s, or ``("pose_head",)`` of
+        path: path of the checkpoint.
+        names: names of the networks: `kfit.training.ConditionalVAE`'s, or ``("pose_head",)`` of
             `kfit.training.PoseTraining`.
 
     Raises:
