@@ -93,12 +93,14 @@ copybutton_prompt_is_regexp = True
 def from_root(app: Sphinx, path: Path, docname: str, text: list[str]) -> None:
     """The README's links start at the repository's root, a level above the page that includes it.
 
-    Links to folders stay text, as a page cannot show a folder.
+    Links to folders, and to the root's pages that are not included here, stay text.
     """
-    root = Path(app.srcdir).parent
+    root, included = Path(app.srcdir).parent, {"CONTRIBUTING.md": "contributing.md", "CHANGELOG.md": "changelog.md"}
 
     def moved(found: re.Match[str]) -> str:
-        return found[1] if (root / found[2]).is_dir() else f"[{found[1]}](../{found[2]})"
+        if (root / found[2]).is_dir() or found[2] in ("README.md", "SECURITY.md"):
+            return found[1]
+        return f"[{found[1]}]({included.get(found[2], f'../{found[2]}')})"
 
     text[0] = re.sub(r"\[([^\]]*)\]\((?!https?:|#)([^)]*)\)", moved, text[0])
 

@@ -22,9 +22,9 @@ from kfit.segmentation import ObjectMask, depth_from_file, read_photo
 class AnnotatedFit(FitData):
     """Frames of a data set with known poses; each gets a file that `kfit evaluate` reads.
 
-    Objects are told by the data set's masks; where it has none, by the boxes of their true poses, in which
-    `kfit.segmentation.ObjectMask` cuts them out. Objects of categories that the results' format does not know are left
-    out: NOCS's has six, BOP's those that ``source`` names.
+    Objects are selected by the data set's masks; without masks, by the boxes of their true poses, in which
+    `kfit.segmentation.ObjectMask` segments them. Objects of categories that the results' format does not support are
+    skipped: NOCS's has six, BOP's those that ``source`` names.
 
     Args:
         source: reads the data set: `kfit.data.wild6d.Wild6DFrames`, `kfit.data.housecat6d.HouseCat6DFrames`,
@@ -60,7 +60,7 @@ class AnnotatedFit(FitData):
         photo = read_photo(frame.image)
         depth = None
         if frame.depth is not None:
-            # Millimetres are what a 16-bit picture is read as.
+            # 16-bit pictures are read as millimetres.
             depth = depth_from_file(frame.depth, photo.image.shape[:2]) * np.float32(1000 * frame.depth_unit)
         objects = [
             ObjectToFit(thing.category, self._mask(thing, photo.image), object_key(name, thing.instance))

@@ -1,4 +1,4 @@
-"""Pictures with objects of known pose, whatever data set they are of."""
+"""Pictures with objects of known pose, from any data set."""
 
 from __future__ import annotations
 
@@ -8,23 +8,23 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-# What data sets call kfit's categories.
+# Names of kfit's categories in data sets.
 WORDS = {"cup": "mug", "mug": "mug", "bottle": "bottle", "bowl": "bowl", "camera": "camera", "can": "can"}
 WORDS |= {"laptop": "laptop"}
 
 
 @dataclass(frozen=True)
 class AnnotatedObject:
-    """An object in a picture, as `kfit.data.NOCSObject` is one of NOCS's.
+    """An object in a picture, with the fields of `kfit.data.NOCSObject`.
 
     Attributes:
         instance: its number in the picture.
-        category: its name; kfit's where it is one of kfit's.
+        category: name of its category; kfit's name if kfit has the category.
         pose: (4, 4) of [s R | t], object to camera in metres and OpenCV axes, s the diagonal of the box.
         size: (3,) extents over the diagonal.
         box: (4,) in the picture: top, left, bottom, right, the latter two just outside.
-        mask: (H, W), None where the data set has none.
-        handle_visible: always, as only NOCS tells of it.
+        mask: (H, W); None if the data set has none.
+        handle_visible: always True, because only NOCS annotates it.
     """
 
     instance: int
@@ -45,10 +45,10 @@ class AnnotatedObject:
         intrinsics: NDArray[np.float64],
         mask: NDArray[np.bool_] | None = None,
     ) -> AnnotatedObject:
-        """Make one of a rotation (3, 3), and translation and size (3,) in metres.
+        """Build an object from a rotation (3, 3), and translation and size (3,) in metres.
 
         Raises:
-            ValueError: for numbers that are no pose of a box in front of the camera.
+            ValueError: If the numbers are not the pose of a box in front of the camera.
         """
         diagonal = float(np.linalg.norm(size))
         numbers = [rotation, translation, size]
@@ -77,12 +77,12 @@ class AnnotatedFrame:
     """A picture and its objects.
 
     Attributes:
-        path: names it: its last three parts name its result.
+        path: path whose last three parts name the result.
         image: file of the picture.
         intrinsics: (3, 3).
-        objects: those of known pose.
-        depth: file of a 16-bit depth picture, None where there is none.
-        depth_unit: metres of one step of it.
+        objects: objects with a known pose.
+        depth: file of a 16-bit depth picture, or None.
+        depth_unit: metres per step of the depth picture.
     """
 
     path: Path

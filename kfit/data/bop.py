@@ -32,10 +32,10 @@ class BOPEstimate:
 
     Attributes:
         scene_id, im_id, obj_id: numbers of the scene, the image and the object.
-        score: how sure it is; larger is surer.
+        score: confidence; larger is more certain.
         rotation: (3, 3), model to camera in OpenCV axes.
         translation: (3,) in metres; files hold millimetres.
-        time: seconds for the image, −1 where nobody measured it.
+        time: seconds for the image; −1 if not measured.
     """
 
     scene_id: int
@@ -50,14 +50,14 @@ class BOPEstimate:
 class BOPFrames(AnnotatedFrames):
     """Images of a data set: ``SPLIT/SCENE/scene_gt.json``, ``scene_camera.json``, ``rgb`` or ``gray``, ``mask_visib``.
 
-    Objects of categories alone are read. Their poses are those of the boxes in models_info.json, in the category's
+    Only objects with a category are read. Their poses are those of the boxes in models_info.json, in the category's
     axes; what is found in a frame is written as a file of results in the model's own frame again.
 
     Args:
         root: root of the data set.
         objects: category of each object's number, such as ``{14: mug}``.
         split: folder of scenes.
-        stands: how models stand, ``UP`` or ``UP,FRONT`` as behind a place of meshes; most of BOP's have z up.
+        stands: orientation of the models, ``UP`` or ``UP,FRONT`` as after a place of meshes; most of BOP's have z up.
     """
 
     def __init__(self, root: str, objects: dict[int, str], split: str = "test", stands: str = "z") -> None:
@@ -116,7 +116,7 @@ class BOPFrames(AnnotatedFrames):
         return AnnotatedFrame(where, picture, intrinsics, tuple(things), depth if depth.is_file() else None, depth_unit)
 
     def write(self, path: Path, frame: AnnotatedFrame, found: Sequence[NOCSPrediction]) -> None:
-        """Write a file of results; of several objects of one category in a frame, an answer is of the nearest box."""
+        """Write a file of results; an answer is assigned to the nearest box of its category in the frame."""
         scene, number = int(frame.path.parts[-2]), int(frame.path.parts[-1])
         rows = []
         for one in found:
@@ -140,10 +140,10 @@ class BOPFrames(AnnotatedFrames):
 
 
 def read_truths(root: Path, split: str) -> dict[tuple[int, int], list[dict[str, Any]]]:
-    """True poses of a split: the entries of scene_gt.json by scene and image.
+    """Read the true poses of a split: the entries of scene_gt.json by scene and image.
 
     Raises:
-        FileNotFoundError, ValueError: if there are none, or a file holds something else.
+        FileNotFoundError, ValueError: If there are none, or a file has another content.
     """
     found: dict[tuple[int, int], list[dict[str, Any]]] = {}
     for file in sorted((root / split).glob("[0-9]*/scene_gt.json")):
@@ -157,13 +157,13 @@ def read_truths(root: Path, split: str) -> dict[tuple[int, int], list[dict[str, 
 
 
 def read_models(root: Path) -> Mapping[str, Any]:
-    """What models_info.json tells of each object: box, diameter and symmetries, in millimetres."""
+    """Read each object's box, diameter and symmetries from models_info.json, in millimetres."""
     files = [root / folder / "models_info.json" for folder in ("models_eval", "models")]
     return _json(next((file for file in files if file.is_file()), files[-1]))
 
 
 def write_bop_results(path: str | Path, estimates: Iterable[BOPEstimate]) -> None:
-    """Write a file of results, whole or not at all."""
+    """Write a file of results atomically."""
     lines = [",".join(COLUMNS)]
     for one in estimates:
         rotation, translation = (
@@ -179,7 +179,7 @@ def read_bop_results(path: str | Path) -> list[BOPEstimate]:
 
     Raises:
         FileNotFoundError: if there is none.
-        ValueError: naming the line that cannot be read.
+        ValueError: If a line cannot be read; the message names it.
     """
     path = Path(path)
     if not path.is_file():

@@ -1,4 +1,4 @@
-"""A category as recipes and people give it: by name, as a small YAML file, or by the import path of one in Python."""
+"""Read a category given by name, as a small YAML file, or by the import path of one in Python."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ LARGEST = 100_000
 def read_category(category: str | Category) -> Category:
     """Find a category, and import the module that draws its objects.
 
-    It runs code of modules that it names, so it is for what a person gives; a model's card is never read by it.
+    This runs code of the named modules, so use it for the user's input only; model cards are never read with it.
 
     Args:
-        category: one itself; a name of `kfit.geometry.CATEGORIES`; the path of a YAML file with the fields of
+        category: a category; a name of `kfit.geometry.CATEGORIES`; the path of a YAML file with the fields of
             `kfit.geometry.Category`; or the import path of a `kfit.geometry.Category` in a module, ``teapot.TEAPOT``.
 
     Raises:
         FileNotFoundError: if there is no such file.
-        ValueError: if it is none of these, in one sentence.
-        ImportError: for a module that cannot be imported.
+        ValueError: If the argument has another form.
+        ImportError: If the module cannot be imported.
 
     Example:
         >>> from kfit.data import read_category

@@ -43,14 +43,14 @@ class ViewsDataModule(LightningDataModule):
     directions and in other light, or other pairs of the same objects of the file. Batches are those of ``ViewPairs``.
 
     Args:
-        category: One of bottle, bowl, camera, can, laptop and mug; or one of your own, as a YAML file with the fields
+        category: One of bottle, bowl, camera, can, laptop and mug; or a custom one, as a YAML file with the fields
             of `kfit.geometry.Category` or the import path of one.
         num_objects: Objects to train on.
         num_views: Views of each object.
         image_size: Side of the pictures in pixels.
         batch_size: Pairs a batch and process.
         cache_dir: Folder for rendered views.
-        meshes: Where meshes lie to use instead of procedural objects, and how they stand, as
+        meshes: Places and orientations of meshes to use instead of procedural objects, as
             `kfit.data.mesh_places.find_mesh_files` takes it: a folder with y up, ``FOLDER@z``, or a list of such.
         views: Existing HDF5 file of views to use instead of rendering any.
         num_val_objects: Objects to validate on, and to test on; at most a third of an existing file's.
@@ -99,7 +99,7 @@ class ViewsDataModule(LightningDataModule):
         if self.category.shapes is None and meshes is None and views is None:
             raise ValueError(f"category {self.category.name} has no shapes to draw, so meshes or views must be given")
         self.save_hyperparameters()
-        # As plain data, so that a checkpoint tells all of it on another machine too.
+        # As plain data, so that a checkpoint holds all of it on another machine too.
         own = self.category != CATEGORIES.get(self.category.name)
         self.hparams["category"] = self.category.to_dict() if own else self.category.name
         self.num_objects, self.num_views, self.image_size = num_objects, num_views, image_size
@@ -126,7 +126,7 @@ class ViewsDataModule(LightningDataModule):
             setattr(self, f"{part}_pairs", self._pairs(part, given))
 
     def fingerprint(self) -> str:
-        """16 hexadecimal digits that tell what training shows: how and from what it was drawn, or a file's content."""
+        """16 hexadecimal digits that identify the training data: its sources and rendering, or a file's content."""
         if self.views is not None:
             with open(self.views, "rb") as file:
                 return hashlib.file_digest(file, "sha256").hexdigest()[:16]
@@ -162,7 +162,7 @@ class ViewsDataModule(LightningDataModule):
         return self.trainer.current_epoch if self.trainer is not None else 0
 
     def _home(self, views: Views) -> torch.device:
-        """Where these views are kept while training."""
+        """Device that holds these views during training."""
         device: torch.device = self.trainer.strategy.root_device if self.trainer is not None else torch.device("cpu")
         if device.type != "cuda":
             return torch.device("cpu")

@@ -19,7 +19,7 @@ CLASSES = ("box", "bottle", "can", "cup", "remote", "teapot", "cutlery", "glass"
 class HouseCat6DFrames(AnnotatedFrames):
     """Frames ``SCENE/rgb/N.png`` with ``labels/N_label.pkl``, ``instance/N.png``, ``depth/N.png`` and intrinsics.txt.
 
-    Objects are in the data set's own axes, y up; a cup is called a mug.
+    Objects keep the data set's axes, with y up; a cup is called a mug.
 
     Args:
         root: folder of the scenes.

@@ -1,4 +1,4 @@
-"""Refusing mesh files that ask for more than they hold, before time and memory are spent on them."""
+"""Checks that reject mesh files that declare more than they hold, before time and memory are spent on them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _MOST_TEXELS, _LARGEST_TEXTURE = 400_000_000, 8192
 
 
 def measure_file(path: Path) -> None:
-    """Refuse a glTF or OBJ file that asks for more than it holds, or for so many parts that reading takes minutes."""
+    """Reject a glTF or OBJ file that declares more than it holds, or so many parts that reading takes minutes."""
     if path.suffix.lower() == ".obj":
         uses = [use.strip() for use in _USE.findall(path.read_bytes())]
         if (kinds := len(set(uses))) > MOST_MATERIALS or len(uses) > _MOST_USES:
@@ -43,7 +43,7 @@ def measure_file(path: Path) -> None:
 
 
 def measure_scene(scene: trimesh.Scene) -> None:
-    """Refuse what is far larger than its file, before it is unfolded: parts that return, pictures of one colour."""
+    """Reject a scene that would expand to far more than its file: repeated parts, textures of one colour."""
     parts = [scene.geometry[scene.graph[node][1]] for node in scene.graph.nodes_geometry]
     faces = sum(len(getattr(part, "faces", ())) for part in parts)
     if faces > _MOST_FACES:
@@ -59,6 +59,6 @@ def measure_scene(scene: trimesh.Scene) -> None:
 
 
 def material_image(material: object) -> Any:
-    """The material's picture, as Pillow has it; None where it has none."""
+    """Return the material's texture as a Pillow image; None if it has none."""
     image = getattr(material, "image", None)
     return getattr(material, "baseColorTexture", None) if image is None else image

@@ -1,4 +1,4 @@
-"""Where meshes lie and how they stand, in the words of ``--data.meshes`` and of ``--meshes`` of every command."""
+"""Places and orientations of mesh files, in the syntax of ``--data.meshes`` and of every command's ``--meshes``."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from kfit.data.mesh_tree import mesh_identities
 from kfit.geometry import Category
 
 AXES = {"x": (1, 0, 0), "-x": (-1, 0, 0), "y": (0, 1, 0), "-y": (0, -1, 0), "z": (0, 0, 1), "-z": (0, 0, -1)}
-# The front where none is told: the axis that the shortest turn takes to +x once the up axis is at +y.
+# Default front: the axis that the shortest rotation moves to +x once the up axis points along +y.
 _FRONTS = {"y": "x", "-y": "x", "z": "x", "-z": "x", "x": "-y", "-x": "y"}
 _PLACE = re.compile(r"(?:([A-Za-z][\w-]*)=)?(.+?)(?:@([^@/,]+)(?:,([^@/,]+))?)?")
 
 
 @dataclass(frozen=True)
 class MeshFile:
-    """A mesh file, and how the object stands in it.
+    """A mesh file, and the orientation of its object.
 
     Attributes:
         path: path of the file.
-        category: category of the object, None where nobody said.
+        category: category of the object; None if unknown.
         up: axis of the file that points up, such as ``"y"`` or ``"-z"``.
-        front: axis of the file that becomes +x, the category's front; where none is given, the one that the shortest
-            turn takes there.
+        front: axis of the file that becomes +x, the category's front; by default the axis that the shortest rotation
+            moves there.
     """
 
     path: Path
@@ -45,7 +45,7 @@ class MeshFile:
 
     @property
     def name(self) -> str:
-        """The object's: that of its folder, or the file's where it lies in one with others."""
+        """Name of the object: the folder's name, or the file's if its folder holds several meshes."""
         alone = len(find_meshes(self.path.parent)) == 1
         return self.path.parent.name if alone else self.path.stem
 
@@ -56,10 +56,10 @@ class MeshFile:
         return np.stack([front, up, np.cross(front, up)])
 
     def mesh(self) -> Mesh:
-        """The object y up, its front at +x, its box's centre at the origin and its diagonal 1.
+        """Load the object with y up, its front towards +x, its box centred at the origin and a diagonal of 1.
 
         Raises:
-            FileNotFoundError, ValueError: those of `kfit.data.mesh_files.load_mesh`.
+            FileNotFoundError, ValueError: As raised by `kfit.data.mesh_files.load_mesh`.
         """
         turn = np.eye(4)
         turn[:3, :3] = self.rotation
@@ -67,17 +67,16 @@ class MeshFile:
 
 
 def find_mesh_files(places: str | Sequence[str], categories: Collection[str] = ()) -> list[MeshFile]:
-    """Find mesh files by words that tell where they lie and how they stand, sorted by path within a place.
+    """Find mesh files in places, which also state their orientation, sorted by path within a place.
 
     Args:
-        places: ``FOLDER`` or ``FILE``, one or several; before it ``CATEGORY=``, behind it ``@UP`` or ``@UP,FRONT``,
-            axes of the file such as ``@z`` or, as ShapeNet has them, ``@y,-z``. Without these y is up and the front at
-            +x. A file that several places hold stands as the last of them says; a category that one of them tells it
-            keeps.
-        categories: names that may stand before a place.
+        places: ``FOLDER`` or ``FILE``, one or several, optionally with a prefix ``CATEGORY=`` and a suffix ``@UP`` or
+            ``@UP,FRONT``: axes of the file such as ``@z`` or, for ShapeNet, ``@y,-z``. By default y is up and the front
+            is +x. If several places hold a file, the last orientation and the last category stated apply.
+        categories: names that are allowed as prefixes.
 
     Raises:
-        FileNotFoundError, ValueError: for a place that is none of these, or holds no mesh.
+        FileNotFoundError, ValueError: If a place has another form or holds no mesh.
     """
     found: dict[Path, MeshFile] = {}
     for place in [places] if isinstance(places, str) else places:
@@ -92,21 +91,21 @@ def find_mesh_files(places: str | Sequence[str], categories: Collection[str] = (
 
 
 def check_mesh_file(name: str, file: object) -> None:
-    """Refuse what is neither a path nor a mesh file.
+    """Check that ``file`` is a path or a mesh file.
 
     Raises:
-        TypeError: naming the argument.
+        TypeError: If it is neither; the message names the argument.
     """
     check_text(name, file.path if isinstance(file, MeshFile) else file)
 
 
 def as_mesh_file(file: str | Path | MeshFile) -> MeshFile:
-    """Take a path for a mesh with y up and its front at +x."""
+    """Convert a path to a mesh file with y up and its front towards +x."""
     return file if isinstance(file, MeshFile) else MeshFile(Path(file))
 
 
 def source_identity(source: str | Category | Sequence[MeshFile]) -> str | list[str]:
-    """What tells objects from others: a category's name, or names, contents and axes of mesh files."""
+    """Identify a source of objects: by a category's name, or by names, contents and axes of mesh files."""
     if isinstance(source, str | Category):
         return source if isinstance(source, str) else source.name
     contents = mesh_identities([file.path for file in source])
@@ -116,7 +115,7 @@ def source_identity(source: str | Category | Sequence[MeshFile]) -> str | list[s
 
 def _parts(place: str, categories: Collection[str]) -> tuple[str | None, Path, str, str]:
     """Category, path, up and front of a place."""
-    if Path(place).exists():  # whatever signs its name holds
+    if Path(place).exists():  # even if its name holds = or @
         return None, Path(place), "y", "x"
     told = _PLACE.fullmatch(place)
     if told is None:
@@ -132,11 +131,11 @@ def stand_of(words: str, place: str) -> tuple[str, str]:
     """Read ``UP`` or ``UP,FRONT``: the axes of a file that point up and to the front.
 
     Args:
-        words: to read.
+        words: text to read.
         place: file or folder that states them, for messages.
 
     Raises:
-        ValueError: for something else.
+        ValueError: If the text has another form.
     """
     up, _, front = words.partition(",")
     for name, axis in (("up", up), ("the front", front or _FRONTS.get(up, "x"))):

@@ -21,14 +21,14 @@ _PICTURES = (".jpg", ".jpeg", ".png")
 
 
 class ObjectronFrames(AnnotatedFrames):
-    """Frames of one video by its ``annotation.pbdata``, with pictures that were taken out of it.
+    """Frames of one video by its ``annotation.pbdata``, with pictures extracted from it.
 
     Pictures are named by the frame's number (``0.jpg`` or ``000000.png``, from 0 on, as
-    ``ffmpeg -i video.MOV -start_number 0 images/%d.jpg`` writes them). A cup is called a mug; boxes are y up, with
-    fronts that are Objectron's own. It has neither masks nor depth.
+    ``ffmpeg -i video.MOV -start_number 0 images/%d.jpg`` writes them). A cup is called a mug; boxes have y up, and
+    their fronts follow Objectron's convention. There are neither masks nor depth.
 
     Args:
-        annotation: the file.
+        annotation: path of the file.
         images: folder of the pictures.
     """
 
@@ -89,12 +89,12 @@ class ObjectronFrames(AnnotatedFrames):
 
 
 def _number(message: dict[int, list[Any]]) -> int:
-    """The first field, a whole number; 0 is left out of a file."""
+    """Return the field's integer; files omit 0."""
     return int(message.get(1, [0])[0])
 
 
 def _floats(message: dict[int, list[Any]], field: int, count: int, file: Path) -> NDArray[np.float64]:
-    """A field of ``count`` single-precision numbers, packed or one by one."""
+    """Return a field of ``count`` single-precision numbers, packed or repeated."""
     content = b"".join(bytes(part) for part in message.get(field, []))
     if len(content) != 4 * count:
         raise ValueError(f"{file}: field {field} must hold {count} numbers, got {len(content)} bytes")
@@ -102,10 +102,10 @@ def _floats(message: dict[int, list[Any]], field: int, count: int, file: Path) -
 
 
 def _message(content: bytes) -> dict[int, list[Any]]:
-    """Fields of a message of Protocol Buffers by their numbers: whole numbers, and bytes of all else.
+    """Parse a Protocol Buffers message into its fields by number: integers, and bytes for all other kinds.
 
     Raises:
-        ValueError: if it is cut short or no such message.
+        ValueError: If it is truncated or not such a message.
     """
     fields: dict[int, list[Any]] = {}
     for field, value in _fields(memoryview(content)):

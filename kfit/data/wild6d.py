@@ -17,7 +17,7 @@ from kfit.data.nocs_pickle import load_pickle
 
 
 class Wild6DFrames(AnnotatedFrames):
-    """Frames of ``test_set/CATEGORY/OBJECT/VIDEO/images/N.jpg`` that ``pkl_annotations`` tells the pose of.
+    """Frames of ``test_set/CATEGORY/OBJECT/VIDEO/images/N.jpg`` whose pose ``pkl_annotations`` gives.
 
     Next to each picture lie ``N-mask.png`` and ``N-depth.png``; the video's ``metadata`` holds K, column after column.
 

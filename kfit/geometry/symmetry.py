@@ -1,4 +1,4 @@
-"""Which turns leave an object's look unchanged: none, all about its vertical axis, or k of them."""
+"""Symmetries of objects: none, all rotations about the vertical axis, or k of them."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ SYMMETRIES = ("none", "y", *(f"y{fold}" for fold in range(2, MOST_TURNS + 1)))
 
 
 def check_symmetry(name: str, value: object) -> None:
-    """Refuse what is none of `SYMMETRIES`.
+    """Check that an argument is one of `SYMMETRIES`.
 
     Raises:
-        TypeError, ValueError: naming the argument.
+        TypeError, ValueError: If it is not; the message names the argument.
 
     Example:
         >>> from kfit.geometry import check_symmetry
@@ -30,7 +30,7 @@ def check_symmetry(name: str, value: object) -> None:
 
 
 def num_turns(symmetry: Symmetry) -> int:
-    """Return how many turns about the vertical axis leave the object unchanged; 0 stands for all.
+    """Return the number of rotations about the vertical axis that leave the object unchanged; 0 means all.
 
     Example:
         >>> from kfit.geometry import num_turns

@@ -1,4 +1,4 @@
-"""How far poses in the format of the BOP challenge are off, object by object, symmetries counted."""
+"""Errors of poses in the format of the BOP challenge, for each object, taking symmetries into account."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-# Turns that stand for a continuous symmetry.
+# Number of rotations that represent a continuous symmetry.
 STEPS = 360
 THRESHOLDS = ((5.0, 2.0), (5.0, 5.0), (10.0, 2.0), (10.0, 5.0))
 """Degrees and centimetres under which a pose is right."""
 
 
 class Estimate(Protocol):
-    """A pose that was found, as `kfit.data.bop.BOPEstimate` is one."""
+    """An estimated pose, such as `kfit.data.bop.BOPEstimate`."""
 
     @property
     def scene_id(self) -> int:
@@ -35,7 +35,7 @@ class Estimate(Protocol):
 
     @property
     def score(self) -> float:
-        """How sure it is."""
+        """Confidence of the estimate."""
         ...
 
     @property
@@ -53,15 +53,15 @@ class ObjectErrors(NamedTuple):
     """Errors of an object's poses.
 
     Attributes:
-        rotation_deg: (T,) of each of its true poses, infinite where none was found.
-        translation_cm: (T,) likewise.
+        rotation_deg: (T,) rotation error of each of its true poses; infinite if the pose was not found.
+        translation_cm: (T,) translation error, likewise.
     """
 
     rotation_deg: NDArray[np.float64]
     translation_cm: NDArray[np.float64]
 
     def recall(self, degrees: float, centimetres: float) -> float:
-        """Share of the true poses that were found within both."""
+        """Return the share of the true poses with both errors below the thresholds."""
         return float(((self.rotation_deg < degrees) & (self.translation_cm < centimetres)).mean())
 
 
@@ -71,10 +71,10 @@ def bop_errors(
     models: Mapping[str, Any],
     objects: Sequence[int] | None = None,
 ) -> dict[int, ObjectErrors]:
-    """Errors by the object's number.
+    """Compute errors by the object's number.
 
-    In each image the surest estimate of an object takes the true pose that is nearest in translation and not taken, and
-    so on; true poses that are left count as not found. Of poses that a symmetry of models_info.json makes alike the
+    In each image the estimates of an object, most certain first, each take the free true pose that is nearest in
+    translation; remaining true poses count as not found. Of poses that a symmetry of models_info.json makes alike the
     nearest in rotation counts; a continuous one is 360 turns.
 
     Args:
@@ -84,7 +84,7 @@ def bop_errors(
         objects: objects that count; by default all.
 
     Raises:
-        ValueError: for an estimate in an image that the truths lack.
+        ValueError: If an estimate's image is not in ``truths``.
     """
     found: dict[int, list[tuple[float, float]]] = {}
     by_place: dict[tuple[int, int, int], list[Estimate]] = {}
@@ -119,7 +119,7 @@ def _pose(thing: Mapping[str, Any]) -> tuple[NDArray[np.float64], NDArray[np.flo
 
 
 def _symmetries(model: Mapping[str, Any]) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
-    """Rotations and translations in metres that leave a model alike, the identity first."""
+    """Return the rotations and translations in metres that leave a model unchanged, the identity first."""
     found = [(np.eye(3), np.zeros(3))]
     for matrix in model.get("symmetries_discrete", []):
         stored = np.asarray(matrix, float).reshape(4, 4)

@@ -1,4 +1,4 @@
-"""Models on the Hugging Face Hub, in its cache on this machine, or in a folder laid out like a repository of it."""
+"""Models on the Hugging Face Hub, in its local cache, or in a folder with a Hub repository's layout."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ def find_model(name: str | Path, revision: str | None = None, offline: bool = Fa
     Args:
         name: a folder that `save_folder` wrote, or ``user/name`` of a repository on the Hub.
         revision: branch, tag or commit of the repository.
-        offline: take what the Hub's cache on this machine holds, and ask nobody.
+        offline: use only the Hub's local cache, without network access.
 
     Returns:
         Path of the .safetensors file.
 
     Raises:
-        ImportError: for a repository, where huggingface_hub is not installed.
+        ImportError: For a repository, if huggingface_hub is not installed.
         FileNotFoundError: if there is no such model.
-        ValueError: if its content is not that of its checksum.
+        ValueError: If its content does not match its checksum.
     """
     check_text("name", name)
     folder = Path(name)
@@ -54,10 +54,10 @@ def find_model(name: str | Path, revision: str | None = None, offline: bool = Fa
 
 
 def save_folder(folder: str | Path, content: bytes, card: Card) -> Path:
-    """Write a model's file, its checksum and a page about it into a folder, all or none.
+    """Write a model's file, its checksum and a page about it into a folder atomically.
 
     Args:
-        folder: made where it is not there.
+        folder: path of the folder, created if needed.
         content: content of the .safetensors file.
         card: card of the model.
     """
@@ -72,13 +72,13 @@ def save_folder(folder: str | Path, content: bytes, card: Card) -> Path:
 
 
 def upload(folder: Path, name: str, private: bool) -> str:
-    """Upload a folder that `save_folder` wrote as a repository of the Hub, by the user's own login there.
+    """Upload a folder that `save_folder` wrote as a repository of the Hub, with the user's login.
 
     Returns:
         Address of the commit.
 
     Raises:
-        ImportError: where huggingface_hub is not installed.
+        ImportError: If huggingface_hub is not installed.
         OSError: if the Hub refuses or cannot be reached.
     """
     hub = _hub()
@@ -90,7 +90,7 @@ def upload(folder: Path, name: str, private: bool) -> str:
 
 
 def model_page(card: Card) -> str:
-    """The page of a repository: what the model is of, what it was trained on, and how it is used."""
+    """Build the page of a repository: the model's category, its training data and its use."""
     known, provenance = card.known, card.training.get("provenance") or {}
     lines = [
         "---",

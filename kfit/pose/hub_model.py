@@ -14,7 +14,7 @@ from kfit.pose.model_files import model_content, read_model
 
 
 class HubModel:
-    """What `kfit.pose.CategoryModel` has of sharing.
+    """Methods of `kfit.pose.CategoryModel` that share models.
 
     Attributes:
         card: card of the model.
@@ -47,7 +47,7 @@ class HubModel:
 
         Raises:
             FileNotFoundError: if there is no such model.
-            ImportError: for a repository, where huggingface_hub is not installed (``pip install 'kfit[hub]'``).
+            ImportError: For a repository, if huggingface_hub is not installed (``pip install 'kfit[hub]'``).
             ValueError: for a file that was damaged or replaced, or is no model.
         """
         networks, card = read_model(find_model(name, revision, offline))
@@ -57,15 +57,15 @@ class HubModel:
         """Share the model: its file, the checksum of that, and a page about it.
 
         Args:
-            name: ``user/name`` of a repository of the Hugging Face Hub, made by your login there where it is not there
-                yet; or a ``Path``, of a folder that is written instead.
-            private: whether a new repository is seen by you alone.
+            name: ``user/name`` of a repository of the Hugging Face Hub, created with your login if needed; or a
+                ``Path`` of a folder to write instead.
+            private: whether only you can see a new repository.
 
         Returns:
-            Where it is: the commit's address, or the folder.
+            The commit's address, or the folder's path.
 
         Raises:
-            ImportError: for a repository, where huggingface_hub is not installed (``pip install 'kfit[hub]'``).
+            ImportError: For a repository, if huggingface_hub is not installed (``pip install 'kfit[hub]'``).
             OSError: if the Hub or the disk refuses.
         """
         content = model_content(self.networks, self.card)

@@ -1,4 +1,4 @@
-"""Trainings compared by their folders: what their recipes differ in, what they came to, and their curves."""
+"""Comparison of trainings by their folders: differences of recipes, results and curves."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ import yaml  # type: ignore[import-untyped]
 from matplotlib.figure import Figure
 
 _LARGEST = 500_000_000
-# Of measures with these parts in their name more is better, of all others less.
+# Measures with these parts in their name are better if larger, all others if smaller.
 _MORE = ("within_", "ssim", "iou", "under_")
 
 
 @dataclass(frozen=True)
 class TrainingRun:
-    """What the folder of a training holds.
+    """Contents of a training's folder.
 
     Attributes:
-        name: name of the folder, with those above it where several runs share one.
-        recipe: values by dotted name; empty where the folder has no config.yaml.
+        name: name of the folder, including its parents if several runs share a name.
+        recipe: values by dotted name; empty if the folder has no config.yaml.
         metrics: (step, value) pairs by the name of each measure.
     """
 
@@ -57,11 +57,11 @@ class TrainingRun:
         return TrainingRun(str(folder), told, _metrics(table))
 
     def last(self, name: str) -> float | None:
-        """The last value of a measure, None where it was not logged."""
+        """Return the last value of a measure; None if it was not logged."""
         return self.metrics[name][-1][1] if self.metrics.get(name) else None
 
     def best(self, name: str) -> float | None:
-        """The least value of a measure, the largest of those of which more is better; None where it was not logged."""
+        """Return a measure's best value: the smallest, or the largest if more is better; None if it was not logged."""
         values = [value for _, value in self.metrics.get(name, []) if math.isfinite(value)]
         if not values:
             return None
@@ -69,14 +69,14 @@ class TrainingRun:
 
 
 def differences(runs: Sequence[TrainingRun]) -> dict[str, list[Any]]:
-    """What recipes differ in: values by dotted name, one a run, None where a run's recipe does not have it."""
+    """Find the differences of recipes: values by dotted name, one per run; None if a run's recipe lacks it."""
     names = sorted({name for run in runs for name in run.recipe})
     rows = {name: [run.recipe.get(name) for run in runs] for name in names}
     return {name: row for name, row in rows.items() if any(value != row[0] for value in row)}
 
 
 def measures(runs: Sequence[TrainingRun]) -> list[str]:
-    """Names of what was measured on held-out views in any of the runs."""
+    """List the measures on held-out views that any of the runs logged."""
     names = {name for run in runs for name in run.metrics}
     return sorted(name for name in names if name.startswith(("val/", "test/")))
 
@@ -85,7 +85,7 @@ def training_curves(runs: Sequence[TrainingRun]) -> Figure:
     """Draw a plot for each measure of validation and for the training's loss, with a curve for each run.
 
     Raises:
-        ValueError: if none of the runs logged any.
+        ValueError: If the runs logged none.
     """
     names = [name for name in measures(runs) if name.startswith("val/")]
     names += [name for name in ("train/loss", "train/pose") if any(name in run.metrics for run in runs)]

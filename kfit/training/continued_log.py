@@ -1,4 +1,4 @@
-"""The table of a run that goes on: what was logged before the checkpoint stays."""
+"""Logging of resumed runs: rows logged before the checkpoint are kept."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _RUN = re.compile(r"version_\d+")
 
 
 def run_of(checkpoint: object) -> Path | None:
-    """The folder of the run that wrote a checkpoint, ``…/version_N``; None where it lies in none."""
+    """Return the folder of the run that wrote a checkpoint, ``…/version_N``; None if there is no such folder."""
     if not isinstance(checkpoint, str | Path) or "://" in str(checkpoint):
         return None
     path = Path(checkpoint)
@@ -24,11 +24,11 @@ def run_of(checkpoint: object) -> Path | None:
 
 
 class ContinuedCSVLogger(CSVLogger):
-    """Writes on in a run's ``metrics.csv``, after the rows up to the step of its checkpoint.
+    """Continues a run's ``metrics.csv`` after the rows up to the step of its checkpoint.
 
     Args:
         run: folder of the run.
-        step: at which the checkpoint was written; rows of later steps are logged anew.
+        step: step at which the checkpoint was written; rows of later steps are replaced.
     """
 
     def __init__(self, run: Path, step: int) -> None:
@@ -38,7 +38,7 @@ class ContinuedCSVLogger(CSVLogger):
     @property
     @rank_zero_experiment
     def experiment(self) -> Any:
-        """Lightning's writer, with the rows that stay."""
+        """Return Lightning's writer, with the kept rows."""
         if self._experiment is None:
             table = Path(self.log_dir) / "metrics.csv"
             rows = self._rows(table)

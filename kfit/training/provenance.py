@@ -1,4 +1,4 @@
-"""What a checkpoint came from, written into it: versions, state of the code, recipe, data, seed and machine."""
+"""Provenance stored in checkpoints: versions, state of the code, recipe, data, seed and machine."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ import kfit
 
 
 class Provenance(Callback):
-    """Writes into each checkpoint, under ``kfit``, what the training started from; `kfit pack` takes it into the card.
+    """Writes the provenance of the training into each checkpoint, under ``kfit``; `kfit pack` takes it into the card.
 
     Args:
-        recipe: the whole recipe as YAML; ``lightning`` fills it in. Without one the checkpoint tells the module's and
-            the data's arguments alone, as Lightning has them.
+        recipe: the complete recipe as YAML; ``lightning`` sets it. Without one the checkpoint holds only the arguments
+            of module and data, as Lightning stores them.
     """
 
     def __init__(self, recipe: str | None = None) -> None:
@@ -53,10 +53,10 @@ class Provenance(Callback):
 
 
 def git_state(folder: Path) -> dict[str, Any] | None:
-    """The commit that a folder is at, and whether files differ from it; None where it is in no repository.
+    """Return the commit of a folder and whether files differ from it; None outside a repository.
 
     Args:
-        folder: anywhere in a repository of git.
+        folder: any folder in a Git repository.
     """
     try:
         commit, changes = (

@@ -54,5 +54,9 @@ def test_examples_of_a_module_print_what_they_show(name, tmp_path, monkeypatch):
 def test_every_public_class_and_function_has_an_example(room):
     module = importlib.import_module(room)
     parts = {name: getattr(module, name) for name in module.__all__}
-    documented = {name: part for name, part in parts.items() if inspect.isclass(part) or inspect.isfunction(part)}
+    documented = {
+        name: part
+        for name, part in parts.items()
+        if (inspect.isclass(part) or inspect.isfunction(part)) and part.__module__.startswith("kfit")  # no type aliases
+    }
     assert {name for name, part in documented.items() if ">>> " not in (part.__doc__ or "")} == RECEIVED & set(parts)

@@ -31,7 +31,7 @@ def build(category: str | geometry.Category, seed: int, held_out: bool = False) 
     The object is in its category's frame: y up, centred at its box's centre, box diagonal 1, with baked exposure.
 
     Args:
-        category: One of ``CATEGORIES``, or a category of your own whose ``shapes`` name a module that is imported.
+        category: One of ``CATEGORIES``, or a custom category whose ``shapes`` name a module, which is imported.
         seed: Number of the object, at least 0.
         held_out: Whether to draw from the held-out shape and texture families, instead of those of training.
 
@@ -57,7 +57,7 @@ def build(category: str | geometry.Category, seed: int, held_out: bool = False) 
 
 
 def version_of(category: geometry.Category) -> int | str:
-    """What changes when the same seed comes to give another object: of a module of your own its text's digest."""
+    """Return a version that changes whenever a seed gives another object; of custom modules, a digest of the source."""
     module = _module(category)
     if module.__name__.startswith(_OWN):
         return VERSION
@@ -69,7 +69,7 @@ _OWN = f"{__name__}."
 
 
 def _module(category: geometry.Category) -> ModuleType:
-    """The module that draws a category: kfit's own, or one that is imported, as a file must not have code imported."""
+    """Return the module that builds a category's objects: kfit's, or an imported one; a file must not cause imports."""
     path = category.shapes
     if path is None:
         raise ValueError(f"nothing draws objects of the category {category.name}; give mesh files instead")
