@@ -2,8 +2,7 @@
 
     python examples/fit_two_views.py [FOLDER]
 
-Photos are cut out by their masks first, as from `kfit.segmentation`, so that clutter does not count. Writes
-FOLDER/fit_two_views.png: the photos, and the mesh at the pose found. FOLDER is kfit_out by default.
+Photos are cut out by their masks, so that clutter does not count. FOLDER/fit_two_views.png shows them and the answer.
 """
 
 import sys
@@ -53,7 +52,6 @@ found = fit(Observation(cut_out, mask, views=2, **cameras), seed=0).values
 degrees = torch.rad2deg(rotation_error(found["rotation"], rotation)).item()
 millimetres = 1000 * (found["translation"] - truth["translation"]).norm().item()
 print(f"rotation off by {degrees:.1f}°, position by {millimetres:.1f} mm")
-
 drawn = generator(**found, **{name: value[None] for name, value in cameras.items()}).image
 path = Path(sys.argv[1] if len(sys.argv) > 1 else "kfit_out") / "fit_two_views.png"
 path.parent.mkdir(parents=True, exist_ok=True)

@@ -2,16 +2,15 @@
 
     python examples/train_denoiser.py [FOLDER] [STEPS]
 
-Writes FOLDER/train_denoiser.png, judged by scikit-image on another photo; FOLDER is kfit_out, STEPS 200 unless told.
+Writes FOLDER/train_denoiser.png, measured by scikit-image on another photo. FOLDER is kfit_out, STEPS 200 by default.
 """
 
 import sys
-from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import torch
 from skimage import data, metrics
-from torch import Tensor, nn
+from torch import nn
 
 from kfit import Energy
 from kfit.energies import L1, SSIM, Perceptual
@@ -19,16 +18,15 @@ from kfit.features import EfficientNetLite0
 from kfit.reports.picture_table import picture_table
 
 NOISE, NUM_STEPS = 0.15, int(sys.argv[2]) if len(sys.argv) > 2 else 200
-more = {SSIM(): 0.3, Perceptual(EfficientNetLite0([1, 3])): 0.02}
-losses = {"L1 alone": {L1(): 1.0}, "L1 + SSIM + Perceptual": {L1(): 1.0, **more}}
-# Trained on patches of three photos, judged on a fourth.
+more: dict[Energy, float] = {SSIM(): 0.3, Perceptual(EfficientNetLite0([1, 3])): 0.02}
+losses: dict[str, dict[Energy, float]] = {"L1 alone": {L1(): 1.0}, "L1 + SSIM + Perceptual": {L1(): 1.0, **more}}
 photos = [data.coffee(), data.cat(), data.rocket(), data.astronaut()]
 *known, unknown = (torch.from_numpy(photo).movedim(-1, 0) / 255 for photo in photos)
 patches = torch.cat([photo.unfold(1, 48, 24).unfold(2, 48, 24).flatten(1, 2).movedim(1, 0) for photo in known])
 
 
-def trained(loss: Mapping[Energy, float]) -> Callable[[Tensor], Tensor]:
-    """Takes the noise off a picture, by a network that draws it; the same start and patches whatever the loss."""
+def trained(loss: dict[Energy, float]) -> nn.Module:
+    """Train a network that draws a picture's noise; start and patches are the same whatever the loss."""
     torch.manual_seed(0)
     hidden = [layer for _ in range(2) for layer in (nn.Conv2d(16, 16, 3, padding=1), nn.ReLU())]
     network = nn.Sequential(nn.Conv2d(3, 16, 3, padding=1), nn.ReLU(), *hidden, nn.Conv2d(16, 3, 3, padding=1))
@@ -38,17 +36,16 @@ def trained(loss: Mapping[Energy, float]) -> Callable[[Tensor], Tensor]:
         truth = patches[torch.randint(len(patches), (6,))]
         noisy = truth + NOISE * torch.randn(truth.shape)
         optimizer.zero_grad()
-        parts = [weight * energy(noisy - network(noisy), truth).mean() for energy, weight in loss.items()]
-        torch.stack(parts).sum().backward()
+        torch.stack([w * energy(noisy - network(noisy), truth).mean() for energy, w in loss.items()]).sum().backward()
         optimizer.step()
         rates.step()
-    return lambda noisy: (noisy - network(noisy)).detach()
+    return network.requires_grad_(False)
 
 
 truth = unknown[None, :, :192, 128:320]
 noisy = truth + NOISE * torch.randn(truth.shape, generator=torch.Generator().manual_seed(1))
 columns = {}
-for name, picture in {"noisy": noisy, **{name: trained(loss)(noisy) for name, loss in losses.items()}}.items():
+for name, picture in {"noisy": noisy, **{name: noisy - trained(loss)(noisy) for name, loss in losses.items()}}.items():
     a, b = (one[0].clamp(0, 1).movedim(0, -1).numpy() for one in (truth, picture))
     similar = metrics.structural_similarity(a, b, channel_axis=-1, data_range=1)
     said = f"PSNR {metrics.peak_signal_noise_ratio(a, b):.2f} dB, SSIM {similar:.3f}"

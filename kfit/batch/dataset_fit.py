@@ -18,7 +18,8 @@ from torch import nn
 from kfit.batch.fit_data import FitData, ImageToFit, ObjectCropper, Unreadable
 from kfit.batch.results_folder import ResultsFolder
 from kfit.core import FitError, Observation
-from kfit.core.check import check_choice, check_count, check_dict, check_text
+from kfit.core.check import check_choice, check_count, check_dict, check_names, check_text
+from kfit.geometry import CATEGORIES
 from kfit.models.load import BUNDLED, bundled, load
 from kfit.pose.category_model import CategoryModel
 from kfit.pose.model_files import read_card
@@ -156,6 +157,7 @@ class DatasetFit(LightningModule):
             process.wait()
 
     def _load(self, data: FitData) -> None:
+        check_names("models", self.files, {*CATEGORIES, *data.categories})
         for category in data.categories:
             if category not in self.files:
                 continue

@@ -9,7 +9,6 @@ from jsonargparse import ArgumentParser, Namespace
 
 from kfit.bench.accuracy import command, models_of
 from kfit.bench.accuracy_page import Section
-from kfit.core.check import check_count, check_range
 from kfit.runtime.console import progress
 
 if TYPE_CHECKING:
@@ -54,6 +53,8 @@ def parser() -> ArgumentParser:
 
 def run(args: Namespace) -> None:
     """Measure, print the tables, and write them where they are wanted."""
+    from kfit.core.check import check_count, check_range
+
     check_count("--views", args.views)
     check_range("--off", args.off, 0, 180)
     check_count("--seed", args.seed, 0)

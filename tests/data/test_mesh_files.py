@@ -99,8 +99,11 @@ def test_a_folder_of_single_files_is_searched_too(tmp_path, two_materials):
 def test_missing_empty_and_foreign_files_are_refused_in_one_sentence(tmp_path):
     with pytest.raises(FileNotFoundError, match="does not exist"):
         load_mesh(tmp_path / "none.obj")
-    (tmp_path / "text.stl").write_text("no mesh")
+    (tmp_path / "text.txt").write_text("no mesh")
     with pytest.raises(ValueError, match="must end in"):
+        load_mesh(tmp_path / "text.txt")
+    (tmp_path / "text.stl").write_text("no mesh")
+    with pytest.raises(ValueError, match="must hold triangles"):
         load_mesh(tmp_path / "text.stl")
     (tmp_path / "broken.glb").write_bytes(b"glTF but not really")
     with pytest.raises(ValueError, match=r"broken\.glb"):

@@ -22,8 +22,8 @@ def pictures(rows=3):
 
 def test_every_energy_and_prior_on_values_has_a_functional_form():
     classes = [kind for name in kfit.energies.__all__ if inspect.isclass(kind := getattr(kfit.energies, name))]
-    # Two need an observation, its head's reading or its camera; the third is the same number as Pyramid.
-    without = {"LensPrior", "PosePrior", "ResidualPyramid"}
+    # Three need an observation, its camera or a network; the fourth is the same number as Pyramid.
+    without = {"LearnedScore", "LensPrior", "PosePrior", "ResidualPyramid"}
     named = {kind.__name__ for kind in classes if issubclass(kind, Energy | Prior)} - without
     assert {name.replace("_", "") for name in FORMS} == {name.lower() for name in named}
     assert {form.__name__ for form in FORMS.values()} == set(FORMS)

@@ -135,7 +135,7 @@ def test_another_file_gets_one_sentence_that_says_what_is_wrong(tmp_path, theirs
             load_released(path)
     for saved, sentence in [
         ({"netG": lacking, "netE": theirs["netE"]}, r"it lacks 'mlp2\.fc\.bias'"),
-        ({"netG": theirs["netG"], "netE": other}, r"its shapes are others: .*look\.5\.bias"),
+        ({"netG": theirs["netG"], "netE": other}, r"its shapes are others: .*features\.5\.bias"),
         ({"netG": [], "netE": {}}, "is no released checkpoint"),
     ]:
         with pytest.raises(ValueError, match=sentence) as raised:

@@ -7,6 +7,7 @@ import torch
 from kfit.core import Observation, frozen
 from kfit.energies import PosePrior
 from kfit.generators import PoseHead
+from kfit.geometry import CATEGORIES
 from kfit.geometry.pose_network import PoseNetwork, with_prediction
 from kfit.initializers import PosePosterior
 from kfit.pose import CategoryModel
@@ -38,7 +39,7 @@ def test_one_photo_takes_one_run_of_the_head(model, runs):
 
 
 def test_the_answer_is_that_of_three_runs(model):
-    seen = ObservedObject.of(PHOTO, "mug", model.image_size, MASK)
+    seen = ObservedObject.of(PHOTO, CATEGORIES["mug"], model.image_size, MASK)
     fit = model.pipeline(2, 1)
     alone = model.answer(fit(seen.observation, seed=0), seen, seen.observation)
     assert alone.to_dict() == model.pose(PHOTO, mask=MASK, pipeline=fit).to_dict()

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 import kfit
-import kfit.fitting.objective
+import kfit.fitting.prepared_terms
 from kfit.core import FitResult, Observation
 
 FIT = """
@@ -45,7 +45,7 @@ def test_a_bundled_model_s_answer_is_the_same_in_any_batch_and_chunk(monkeypatch
     whole = fitted(0, 1, 2)
     ends = [(fitted(1), [1]), (fitted(2, 0), [2, 0])]
     for pictures in (1, 1000):
-        monkeypatch.setitem(kfit.fitting.objective.CHUNK_PIXELS, "cpu", pictures * 64 * 64)
+        monkeypatch.setitem(kfit.fitting.prepared_terms.CHUNK_PIXELS, "cpu", pictures * 64 * 64)
         ends.append((fitted(0, 1, 2), [0, 1, 2]))
     for found, rows in ends:
         assert found.start.tolist() == whole.start[rows].tolist()

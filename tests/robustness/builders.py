@@ -25,8 +25,8 @@ ASIDE = {
     "Alternative", "Card", "Category", "Detections", "Evaluation", "FitError", "FitResult", "FitState", "TrackedPose",
     "Tracker", "Frame", "History", "MaskRCNN", "Mesh", "NOCSFrame", "NOCSFrames", "NOCSObject", "NOCSPrediction",
     "NOCSScores", "Observation", "OnnxGenerator", "OnnxNetwork", "Photo", "PoseResult", "Rendering", "SalientObject",
-    "Segment", "View", "ViewPairs", "Views", "YoloSeg", "CategoryModel", "Evaluate", "Linearization", "PoseUpdate",
-    "PicturesEvaluation",
+    "Segment", "View", "ViewPairs", "Views", "YoloSeg", "CategoryModel", "Evaluate", "Linearization",
+    "GradientEvaluation", "PicturesEvaluation", "ResidualEvaluation", "PoseUpdate",
 }  # fmt: skip
 EYES, ONES, MANY = torch.eye(3).repeat(2, 1, 1), torch.ones(2), np.eye(20, 3)
 

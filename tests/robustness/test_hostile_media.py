@@ -155,7 +155,10 @@ GLBS: dict[str, tuple[bytes, str]] = {
         glb(change=lambda said: said["accessors"][0].update(count=300_000_000, bufferView=None)),
         "its accessors have 300,000,006 values",
     ),
-    "fewer corners than faces say": (glb(plain(4), lambda said: said["accessors"][0].update(count=-1)), "not there"),
+    "fewer corners than faces say": (
+        glb(plain(4), lambda said: said["accessors"][0].update(count=-1)),
+        "missing vertices",
+    ),
     "repeated": (glb(plain(4), repeated), "it has 100,000 nodes"),
     "large texture": (glb(head(9000)), "its textures have 81,000,000 texels"),
     "far view": (glb(change=lambda said: said["bufferViews"][0].update(byteOffset=10**9)), "readable mesh"),

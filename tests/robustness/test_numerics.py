@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 import kfit
-import kfit.fitting.objective
+import kfit.fitting.prepared_terms
 from kfit import FitPipeline
 from kfit.callbacks import Pruning, Stopping
 from kfit.core import FitError, FitResult, Initializer, Observation, Optimizer, Prior
@@ -91,7 +91,7 @@ class TestASeedDecides:
     @pytest.mark.parametrize("pictures", [1, 2, 1000])
     def test_an_answer_that_chunks_of_any_size_give(self, optimizer, pictures, monkeypatch) -> None:
         whole = registration(optimizer)(moved(), seed=2)
-        monkeypatch.setitem(kfit.fitting.objective.CHUNK_PIXELS, "cpu", pictures * 12 * 12)
+        monkeypatch.setitem(kfit.fitting.prepared_terms.CHUNK_PIXELS, "cpu", pictures * 12 * 12)
         assert_same(registration(optimizer)(moved(), seed=2), whole, (0, 1, 2), 1e-9)
 
     def test_an_answer_that_more_threads_give(self, optimizer) -> None:

@@ -310,7 +310,7 @@ class TestCheckpoint:
         saved = torch.load(tmp_path / "all.ckpt", weights_only=True)
         assert dict(saved["hyper_parameters"]) == {
             "loss_weights": {"mask": 0.2}, "kl_weight": 0.01, "extents_weight": 0.3, "rate": 0.01, "compile": False,
-            "pixel_stride": 1, "photometric": None, "symmetry": "none",
+            "pixel_stride": 1, "photometric": None, "symmetry": "none", "optimizer": None, "scheduler": None,
         }  # fmt: skip
         again = build()
         again.load_state_dict(saved["state_dict"])
@@ -320,8 +320,7 @@ class TestCheckpoint:
     def test_leaves_no_network_among_the_hyperparameters(self, similarity):
         module = build(similarity=similarity)
         plain = {"loss_weights", "kl_weight", "extents_weight", "rate", "compile", "pixel_stride", "photometric"}
-        plain |= {"symmetry"}
-        plain |= set() if similarity else {"similarity"}
+        plain |= {"symmetry", "optimizer", "scheduler"} | (set() if similarity else {"similarity"})
         assert set(module.hparams) == set(module.hparams_initial) == plain
 
 

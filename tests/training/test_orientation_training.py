@@ -110,7 +110,8 @@ def test_a_step_moves_the_regressor_and_the_checkpoint_holds_plain_data_alone(tm
     trainer.save_checkpoint(tmp_path / "all.ckpt")
     saved = torch.load(tmp_path / "all.ckpt", weights_only=True)
     assert dict(saved["hyper_parameters"]) == {
-        "rate": 3e-4, "weight_decay": 1e-2, "weights": None, "similarity": None, "compile": False,
+        "rate": 3e-4, "weight_decay": 1e-2, "weights": None, "similarity": None, "compile": False, "optimizer": None,
+        "scheduler": None,
     }  # fmt: skip
 
 

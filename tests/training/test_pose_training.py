@@ -157,6 +157,7 @@ def test_some_steps_lessen_the_loss_and_the_checkpoint_holds_plain_data_alone(tm
     saved = torch.load(tmp_path / "all.ckpt", weights_only=True)
     assert dict(saved["hyper_parameters"]) == {
         "rate": 0.01, "weight_decay": 1e-3, "recoloring": None, "photometric": None, "mirror": False, "compile": False,
+        "optimizer": None, "scheduler": None,
     }  # fmt: skip
 
 
