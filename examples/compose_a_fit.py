@@ -20,7 +20,7 @@ from kfit.pose.defaults import RATES
 from kfit.reports.picture_table import picture_table
 
 model = kfit.load("laptop")
-
+assert model.pose_head is not None
 # Any of the parts can be swapped for another, or for one of your own.
 pipeline = kfit.FitPipeline(
     generator=SimilarityWarp(model.generator),

@@ -43,10 +43,10 @@ subprocess.run([sys.executable, "-m", "kfit", "predict", "-c", recipe, *words.sp
 pictures = []
 for number in range(len(views.photos)):
     found = json.loads((poses / f"mug{number}.json").read_text())
-    where = (found[name] for name in ("rotation", "translation", "size", "intrinsics"))
+    rotation, translation, size, camera = (found[k] for k in ("rotation", "translation", "size", "intrinsics"))
     caption = f"mug{number}: {100 * found['translation'][2]:.0f} cm away, confidence {100 * found['confidence']:.0f} %"
     photo = imread(photos / f"mug{number}.jpg") / 255
-    pictures.append(draw_overlay(photo, *where, caption=caption))
+    pictures.append(draw_overlay(photo, rotation, translation, size, camera, caption=caption))
 path = folder / "fit_a_folder.png"
 imsave(path, montage(pictures, grid_shape=(2, 3), channel_axis=-1))
 print(path)

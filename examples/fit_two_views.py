@@ -35,8 +35,7 @@ truth = {"rotation": rotation, "translation": torch.tensor([[0.02, -0.01, 0.58]]
 seen = generator(**truth, **{name: value[None] for name, value in cameras.items()})
 clutter = F.interpolate(torch.from_numpy(data.coffee()).permute(2, 0, 1).float()[None] / 255, (72, 96), mode="area")
 mask = seen.field("mask")
-photos = seen.image * mask + clutter * (1 - mask)
-cut_out = photos * mask + 1 - mask
+photos, cut_out = (seen.image * mask + ground * (1 - mask) for ground in (clutter, torch.ones(1)))
 away = rotation[0] @ SO3().to_value(torch.tensor([0.0, 40 / 180, 0.0]))
 fit = FitPipeline(
     generator,
@@ -48,7 +47,8 @@ fit = FitPipeline(
     num_starts=16,
     num_steps=45,
 )
-found = fit(Observation(cut_out, mask, views=2, **cameras), seed=0).values
+intrinsics, poses = cameras["intrinsics"], cameras["trans_cam_ref"]
+found = fit(Observation(cut_out, mask, views=2, intrinsics=intrinsics, trans_cam_ref=poses), seed=0).values
 degrees = torch.rad2deg(rotation_error(found["rotation"], rotation)).item()
 millimetres = 1000 * (found["translation"] - truth["translation"]).norm().item()
 print(f"rotation off by {degrees:.1f}°, position by {millimetres:.1f} mm")

@@ -27,6 +27,7 @@ noise = 0.02 * torch.randn(photo.shape, generator=torch.Generator().manual_seed(
 second = maker(corners=truth, gain=torch.tensor([0.8]), bias=torch.tensor([0.1])).image[0] + noise
 
 found = kfit.register(photo, second, "homography")
+assert found.matrix is not None  # flows have none
 
 frame = torch.tensor([[[0.0, 0.0], [191.0, 0.0], [191.0, 191.0], [0.0, 191.0]]])
 apart = transform_points(found.matrix, frame) - transform_points(maker.matrix(corners=truth), frame)

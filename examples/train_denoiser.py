@@ -36,7 +36,7 @@ def trained(loss: dict[Energy, float]) -> nn.Module:
         truth = patches[torch.randint(len(patches), (6,))]
         noisy = truth + NOISE * torch.randn(truth.shape)
         optimizer.zero_grad()
-        torch.stack([w * energy(noisy - network(noisy), truth).mean() for energy, w in loss.items()]).sum().backward()
+        torch.autograd.backward([w * energy(noisy - network(noisy), truth).mean() for energy, w in loss.items()])
         optimizer.step()
         rates.step()
     return network.requires_grad_(False)

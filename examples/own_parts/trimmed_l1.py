@@ -26,7 +26,7 @@ class TrimmedL1(Energy):
         return {"target": torch.where(weight > 0, target, 0), "weight": weight}
 
     def compare(self, prediction: Tensor, prepared: Any) -> Tensor:
-        weight = prepared["weight"]
+        weight: Tensor = prepared["weight"]
         # hidden pixels may be NaN: they are replaced on both sides, and come last
         away = (torch.where(weight > 0, prediction, 0) - prepared["target"]).abs()
         weight = weight.expand_as(away).flatten(1)
