@@ -28,7 +28,7 @@ class TrimmedL1(Energy):
     def compare(self, prediction: Tensor, prepared: Any) -> Tensor:
         weight: Tensor = prepared["weight"]
         # hidden pixels may be NaN: they are replaced on both sides, and come last
-        away = (torch.where(weight > 0, prediction, 0) - prepared["target"]).abs()
+        away: Tensor = (torch.where(weight > 0, prediction, 0) - prepared["target"]).abs()
         weight = weight.expand_as(away).flatten(1)
         order = torch.where(weight > 0, away.flatten(1), torch.inf).argsort(1)
         away, weight = away.flatten(1).gather(1, order), weight.gather(1, order)
