@@ -28,10 +28,11 @@ from kfit.data.rasterizer import standard_intrinsics, standard_pose
 from kfit.geometry import CATEGORIES
 from kfit.models import load
 from kfit.pose import PoseResult
+from kfit.pose.object_finder import FoundObject, box_of
 from kfit.reports import describe, draw_frame
 from kfit.reports.fitted_photo import fitted_photo
 from kfit.reports.mesh_file import write_mesh
-from kfit.segmentation import Photo, mask_from_file
+from kfit.segmentation import Photo, Segment, mask_from_file
 from kfit.tracking import track
 
 ROOT = Path(__file__).parents[2]
@@ -56,7 +57,8 @@ def seen(category: str) -> tuple[Photo, np.ndarray]:
 def fitted(category: str) -> tuple[Photo, list[Drawn], PoseResult]:
     """The picture, the drawing after each step, and the answer."""
     photo, mask = seen(category)
-    *steps, result = watched(load(category), photo, mask)
+    target = FoundObject(category, 1.0, box_of(mask), Segment(mask))
+    *steps, result = watched(load(category), photo, target)
     return photo, steps, result
 
 
@@ -102,7 +104,9 @@ def moving() -> None:
     size = (450, 300)
     frames = [cv2.resize(drawn_in(photo.image, step), size, interpolation=cv2.INTER_AREA) for step in steps]
     frames.append(cv2.resize(fitted_photo(result), size, interpolation=cv2.INTER_AREA))
-    shown = [Image.fromarray(frame).quantize(128, dither=Image.Dither.NONE) for frame in frames]
+    # One palette for all frames, so that what does not move costs nothing.
+    palette = Image.fromarray(np.concatenate([frames[0], frames[len(frames) // 2], frames[-1]])).quantize(128)
+    shown = [Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
     lasts = [700, *[130] * (len(frames) - 2), 3200]
     shown[0].save(PICTURES / "fit.gif", save_all=True, append_images=shown[1:], duration=lasts, loop=0, optimize=True)
     save(cv2.resize(fitted_photo(result), (900, 600), interpolation=cv2.INTER_AREA), "answer")

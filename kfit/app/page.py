@@ -45,6 +45,7 @@ def connect(actions: Actions, blocks: gr.Blocks) -> None:
     parts.camera.input(actions.on_fit(actions.change), token, **quiet)
     parts.depth.upload(actions.on_fit(actions.take_depth), [token, parts.depth], **quiet)
     parts.stop.click(actions.on_fit(actions.change), token, **quiet)
-    entered = {**quiet, "outputs": [token, *parts.all], "cancels": None}
+    # A page that is being entered is not dimmed.
+    entered = {**quiet, "outputs": [token, *parts.all], "cancels": None, "show_progress": "hidden"}
     blocks.load(actions.enter, token, js=(HERE / "token.js").read_text(encoding="utf-8"), **entered)
     blocks.unload(actions.leave)
