@@ -72,7 +72,7 @@ def test_optimizer_and_scheduler_are_named_by_class_path(trainers, place):
     last = place / "lightning_logs" / "version_0" / "checkpoints" / "last.ckpt"
     told = torch.load(last, weights_only=True)["hyper_parameters"]["optimizer"]
     assert told["class_path"] == "torch.optim.SGD"
-    train("--model.optimizer", "torch.optim.SGD", "--model.optimizer.lr", 0.01, "--ckpt_path", last, epochs=2)
+    train("--ckpt_path", last, "--model.optimizer", "torch.optim.SGD", "--model.optimizer.lr", 0.01, epochs=2)
 
 
 @pytest.mark.slow
