@@ -128,7 +128,7 @@ class ConditionalVAE(Training):
     def forward(self, image: Tensor, azimuth: Tensor, elevation: Tensor, **lens: Tensor) -> Rendering:
         """Draw the objects of pictures (N, 3, S, S) at other angles, (N,) in radians, with an optional ``focal``."""
         mean, _ = self.encoder(image)
-        drawn: Rendering = self.generator(code=mean, azimuth=azimuth, elevation=elevation, **lens)
+        drawn: Rendering = self.generator(code=mean.to(self.dtype), azimuth=azimuth, elevation=elevation, **lens)
         return drawn
 
     def training_step(self, batch: dict[str, Tensor], batch_idx: int) -> Tensor:
@@ -137,7 +137,8 @@ class ConditionalVAE(Training):
             observed = self.photometric(observed, batch["source_mask"])
         observed = observed if self.similarity is None else self.similarity(observed)
         mean, log_variance = self.encoder(observed)
-        code = mean + (0.5 * log_variance).exp() * torch.randn_like(mean)
+        # Encoders give single precision, whatever their weights have.
+        code = (mean + (0.5 * log_variance).exp() * torch.randn_like(mean)).to(self.dtype)
         batch, thinned = self._thin(batch)
         pose = {"azimuth": batch["azimuth"], "elevation": batch["elevation"]} | view_lens(self.generator, batch)
         drawn = self.generator(code=code, **pose, **thinned)
@@ -161,7 +162,9 @@ class ConditionalVAE(Training):
         drawn = self(batch["source"], batch["azimuth"], batch["elevation"], **lens)
         terms = self._compare(drawn, batch)
         if "extents" in batch:
-            terms["extents"] = F.l1_loss(self.extents(self.encoder(batch["source"])[0]), batch["extents"])
+            terms["extents"] = F.l1_loss(
+                self.extents(self.encoder(batch["source"])[0].to(self.dtype)), batch["extents"]
+            )
         size = len(batch["target"])
         with torch.autocast(self.device.type, enabled=False):  # in halves, SSIM's variances would be noise
             away = F.l1_loss(drawn.image.float(), batch["target"].float())

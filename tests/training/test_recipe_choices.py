@@ -46,6 +46,11 @@ def train(*words, recipe="smoke", epochs=1):
     main([str(word) for word in (*command, *SMALL, *words)])
 
 
+def rows_of(run):
+    with (run / "metrics.csv").open() as table:
+        return list(csv.DictReader(table))
+
+
 def refused(capsys, *words):
     with pytest.raises(SystemExit) as ended:
         train(*words)
@@ -67,7 +72,7 @@ def test_optimizer_and_scheduler_are_named_by_class_path(trainers, place):
     last = place / "lightning_logs" / "version_0" / "checkpoints" / "last.ckpt"
     told = torch.load(last, weights_only=True)["hyper_parameters"]["optimizer"]
     assert told["class_path"] == "torch.optim.SGD"
-    train("--model.optimizer", "torch.optim.SGD", "--model.optimizer.lr", 0.01, "--ckpt_path", last, epochs=2)
+    train("--ckpt_path", last, "--model.optimizer", "torch.optim.SGD", "--model.optimizer.lr", 0.01, epochs=2)
 
 
 @pytest.mark.slow
@@ -79,6 +84,7 @@ def test_a_plateau_s_scheduler_watches_its_measure(trainers):
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:Be aware that when using `ckpt_path`")  # by Lightning's own finder
 def test_lightning_s_finders_of_rate_and_batch_size_run(trainers):
     train("--trainer.callbacks+=LearningRateFinder", "--trainer.callbacks.attr_name", "rate",
           "--trainer.callbacks.num_training_steps", 20, "--data.num_objects", 12)  # fmt: skip
@@ -99,10 +105,10 @@ def test_bf16_true_trains(trainers):
 def test_a_resumed_run_goes_on_in_its_own_folder_and_table(place):
     train(epochs=1)
     run = place / "lightning_logs" / "version_0"
-    before = list(csv.DictReader((run / "metrics.csv").open()))
+    before = rows_of(run)
     train("--ckpt_path", run / "checkpoints" / "last.ckpt", epochs=2)
     assert [path.name for path in (place / "lightning_logs").iterdir()] == ["version_0"]
-    rows = list(csv.DictReader((run / "metrics.csv").open()))
+    rows = rows_of(run)
     assert len(rows) > len(before)
     epochs = [int(row["epoch"]) for row in rows if row["val/l1"]]
     assert epochs == [0, 1]
