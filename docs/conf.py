@@ -66,7 +66,9 @@ nitpick_ignore_regex = [
     ("py:class", r"nn\.Module|NDArray|Path|PhotoLike|Tensor|Trimesh"),
     ("py:class", r"kfit\.(core\.frozen\.Module|core\.part\.Part|geometry\.pose\.Angles|generators\.surface\.Surface)"),
     ("py:class", r"kfit\.pose\.(hypotheses\.PoseHypotheses|confidence\.Calibration|observed_object\.ObservedObject)"),
-    ("py:class", r"kfit\.(data\.nocs_models\.NOCSModel|training\.training\.Training)"),
+    ("py:class", r"kfit\.(data\.nocs_models\.NOCSModel|training\.training\.Training|pose\.hub_model\.HubModel)"),
+    ("py:class", r"kfit\.data\.(mesh_places\.MeshFile|annotated_frame\.AnnotatedFrame)"),
+    ("py:class", r"kfit\.training\.random_crop\.RolledCrop"),
 ]
 # Constants have no docstrings that could be found where they are offered.
 CONSTANTS = {
@@ -75,6 +77,7 @@ CONSTANTS = {
     "kfit.data.CATEGORIES": "Names of the categories, in the order of NOCS's class ids 1 to 6.",
     "kfit.geometry.CATEGORIES": "What is known of each category, `Category` by name.",
     "kfit.geometry.EDGES": "Pairs of corners of `box_corners` that edges of the box join.",
+    "kfit.geometry.SYMMETRIES": "Names of symmetries.",
     "kfit.geometry.Symmetry": 'Of an object: ``"none"``, or ``"y"`` where it looks the same turned about its y axis.',
     "kfit.geometry.UNIT_FRACTION": "Share of a drawing's width that a unit diagonal spans at scale 1.",
     "kfit.segmentation.Box": "Left, top, width and height in pixels, four numbers.",

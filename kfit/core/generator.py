@@ -44,8 +44,8 @@ class Generator(Part, nn.Module, ABC):
     def prepare(self, observation: Observation) -> Mapping[str, Tensor]:
         """Return what the generator needs of the pictures besides its variables, such as their cameras.
 
-        Called once a fit. Each tensor leads with the B problems and is passed to `forward` by its name, a row for each
-        row drawn. A generator of several views draws the V pictures of a row consecutively, (N · V, …).
+        Called once a fit. Each tensor leads with the B problems and is passed to ``forward`` by its name, a row for
+        each row drawn. A generator of several views draws the V pictures of a row consecutively, (N · V, …).
         """
         return {}
 

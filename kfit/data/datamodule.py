@@ -51,7 +51,7 @@ class ViewsDataModule(LightningDataModule):
         batch_size: Pairs a batch and process.
         cache_dir: Folder for rendered views.
         meshes: Places and orientations of meshes to use instead of procedural objects, as
-            `kfit.data.mesh_places.find_mesh_files` takes it: a folder with y up, ``FOLDER@z``, or a list of such.
+            ``kfit.data.mesh_places`` reads it: a folder with y up, ``FOLDER@z``, or a list of such.
         views: Existing HDF5 file of views to use instead of rendering any.
         num_val_objects: Objects to validate on, and to test on; at most a third of an existing file's.
         distance_range: Range of the camera's distance in box diagonals; equal ends fix it.

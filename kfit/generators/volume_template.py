@@ -30,8 +30,8 @@ class VolumeTemplate(Generator):
     - similarity: scale · rotation · p + shift;
     - affine: linear · p + shift.
 
-    ``shift`` is in half-sides, ``rotation`` in SO(3). Voxels are cubes. The warp is trilinear (`kornia.geometry.
-    transform.warp_affine3d`). Mask and weight of the rendering are the template's coverage of each voxel.
+    ``shift`` is in half-sides, ``rotation`` in SO(3). Voxels are cubes. The warp is trilinear
+    (`kornia.geometry.transform.warp_affine3d`). Mask and weight of the rendering are the template's coverage.
 
     Args:
         volume: (B, C, D, H, W) in [0, 1], one template for all problems or one for each.

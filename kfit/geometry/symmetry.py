@@ -17,7 +17,7 @@ SYMMETRIES = ("none", "y", *(f"y{fold}" for fold in range(2, MOST_TURNS + 1)))
 
 
 def check_symmetry(name: str, value: object) -> None:
-    """Check that an argument is one of `SYMMETRIES`.
+    """Check that an argument is one of ``SYMMETRIES``.
 
     Raises:
         TypeError, ValueError: If it is not; the message names the argument.

@@ -60,7 +60,7 @@ class ConditionalVAE(Training):
         compile: compile the networks (`torch.compile`), which takes 30 s and makes training about 1.7 × as fast.
             Without a C++ compiler training continues uncompiled.
         symmetry: symmetry of the objects, for rotation errors in test; ``lightning`` sets the category's.
-        optimizer, scheduler: as in `kfit.training.training.Training`; ``rate`` and ``weight_decay`` are for its AdamW.
+        optimizer, scheduler: as in ``kfit.training.training``; ``rate`` and ``weight_decay`` are for its AdamW.
 
     Raises:
         ValueError: if a loss has a reserved name (extents, kl, l1, loss, mask_iou, ssim), ``pixel_stride`` is below 1,

@@ -33,7 +33,7 @@ class CoordinateTraining(Training):
         similarity: random rotation, shift and scale of views, with their coordinates; None for none.
         recoloring: augmentation of colours; None for none.
         compile: compile the regressor (`torch.compile`). Without a C++ compiler training goes on uncompiled.
-        optimizer, scheduler: as in `kfit.training.training.Training`; ``rate`` and ``weight_decay`` are of its AdamW.
+        optimizer, scheduler: as in ``kfit.training.training.Training``; ``rate`` and ``weight_decay`` are of its AdamW.
 
     Raises:
         ValueError: in training, if a batch has no depth and, when it starts, if the trainer has no end.

@@ -31,7 +31,7 @@ class OrientationTraining(Training):
         corruption: random occlusion, brightness and shift; None for none.
         similarity: random scale of views before that. Views are assumed to be upright, so its ``roll_deg`` should be 0.
         compile: compile the regressor (`torch.compile`). Without a C++ compiler training goes on uncompiled.
-        optimizer, scheduler: as in `kfit.training.training.Training`; ``rate`` and ``weight_decay`` are of its AdamW.
+        optimizer, scheduler: as in ``kfit.training.training.Training``; ``rate`` and ``weight_decay`` are of its AdamW.
 
     Raises:
         ValueError: if the weights belong to another network and, when training starts, if the trainer has no end.

@@ -48,7 +48,7 @@ class PhotometricAugmentation:
         return self.with_mask(image, mask)[0]
 
     def with_mask(self, image: Tensor, mask: Tensor) -> tuple[Tensor, Tensor]:
-        """Pictures and masks as `__call__` takes them → pictures and the masks m' by which they are cut out."""
+        """Pictures and masks as ``__call__`` takes them → pictures and the masks m' by which they are cut out."""
         rows, _, height, width = image.shape
 
         def even(*shape: int) -> Tensor:

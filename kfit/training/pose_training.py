@@ -38,7 +38,7 @@ class PoseTraining(Training):
         mirror: flip half of the views, which changes azimuth α to π − α and roll ρ to −ρ. Objects of NOCS's categories
             are similar to their mirror images about the x–y plane, so this doubles the objects.
         compile: compile the head (`torch.compile`). Without a C++ compiler training goes on uncompiled.
-        optimizer, scheduler: as in `kfit.training.training.Training`; ``rate`` and ``weight_decay`` are of its AdamW.
+        optimizer, scheduler: as in ``kfit.training.training.Training``; ``rate`` and ``weight_decay`` are of its AdamW.
 
     Raises:
         ValueError: when training starts, if the trainer has no end.

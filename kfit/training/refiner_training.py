@@ -31,7 +31,7 @@ class RefinerTraining(Training):
     Each step shows views of new objects, cut out, hidden in parts and augmented as photos, beside drawings of them at
     wrong poses with codes from the encoders; as many of the last step's objects at the poses to which the refiner has
     led them; and rows of earlier steps again, half of them mirrored. Batches are those of
-    `kfit.data.CategoriesDataModule`; their targets are used. See `kfit.training.refiner_rows.RefinerRows.losses`.
+    `kfit.data.CategoriesDataModule`; their targets are used. See ``kfit.training.refiner_rows.RefinerRows.losses``.
 
     Args:
         refiner: the network.
