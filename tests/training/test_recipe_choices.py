@@ -1,6 +1,7 @@
 """What users of Lightning expect to choose in a recipe, and what they are told where a choice cannot be."""
 
 import csv
+from functools import wraps
 from pathlib import Path
 
 import pytest
@@ -33,6 +34,7 @@ def trainers(monkeypatch):
     """Trainers that fitted."""
     kept, whole = [], Trainer.fit
 
+    @wraps(whole)  # the command line reads the arguments off it
     def fit(trainer, *given, **settings):
         kept.append(trainer)
         return whole(trainer, *given, **settings)
@@ -84,13 +86,13 @@ def test_a_plateau_s_scheduler_watches_its_measure(trainers):
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:Be aware that when using `ckpt_path`")  # by Lightning's own finder
+@pytest.mark.filterwarnings("ignore:Be aware that when using `ckpt_path`", "ignore:Found .* in eval mode")  # by finders
 def test_lightning_s_finders_of_rate_and_batch_size_run(trainers):
     train("--trainer.callbacks+=LearningRateFinder", "--trainer.callbacks.attr_name", "rate",
           "--trainer.callbacks.num_training_steps", 20, "--data.num_objects", 12)  # fmt: skip
     assert trainers[0].lightning_module.rate != 2e-3
-    train("--trainer.callbacks+=BatchSizeFinder", "--trainer.callbacks.max_trials", 1,
-          "--trainer.callbacks.steps_per_trial", 1)  # fmt: skip
+    train("--trainer.callbacks+=BatchSizeFinder", "--trainer.callbacks.max_trials", 2,
+          "--trainer.callbacks.steps_per_trial", 1, "--data.num_objects", 12)  # fmt: skip
     assert trainers[1].datamodule.batch_size > 2
 
 
