@@ -44,6 +44,7 @@ class OnnxGenerator(Generator):
             raise FileNotFoundError(f"no ONNX file at {path}; `kfit export` writes generator.onnx")
         import onnxruntime  # type: ignore[import-untyped]  # imported here, because it takes 0.3 s
 
+        onnxruntime.disable_telemetry_events()  # on by default
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = torch.get_num_threads()
         try:

@@ -79,6 +79,7 @@ class OnnxNetwork:
             raise ValueError(f"{path} has {self.path.stat().st_size:,} bytes, more than an ONNX file can have")
         import onnxruntime  # type: ignore[import-untyped]  # here, for loading it takes a third of a second
 
+        onnxruntime.disable_telemetry_events()  # on by default
         _bound_memory()
         options = onnxruntime.SessionOptions()
         options.add_session_config_entry("session.use_env_allocators", "1")

@@ -31,6 +31,13 @@ def test_another_layout_gets_a_sentence_on_what_was_found(tmp_path: Path) -> Non
             kind(OnnxNetwork(path))
 
 
+def test_onnx_runtime_reports_nothing_to_its_makers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    calls: list[bool] = []
+    monkeypatch.setattr("onnxruntime.disable_telemetry_events", lambda: calls.append(True))
+    OnnxNetwork(write(tmp_path / "a.onnx", [], [1, 3, 224, 224], {"logits": [1, 1000]}, {"logits_": ONES}))
+    assert calls == [True]
+
+
 def test_yolov5s_layout_is_another(tmp_path: Path) -> None:
     found = np.ones((1, 300, 40), np.float32)
     pool = [("AveragePool", ["image"], "output1", {"kernel_shape": [2, 2], "strides": [2, 2]})]
