@@ -65,7 +65,7 @@ def test_ten_meshes_become_a_model_that_poses_packs_and_calibrates(tmp_path, mon
     main(["pose", "photo.png", "--mask", "mask.png", "--model", "teapot.safetensors"])
     answer = json.loads((tmp_path / "kfit_out" / "pose.json").read_text())
     assert (answer["category"], answer["symmetry"], answer["category_score"]) == ("teapot", "none", None)
-    places = ["--model", "teapot.safetensors", "--meshes", "[teapots@z,-y]"]
+    places = ["--model", "teapot.safetensors", "--meshes", '["teapots@z,-y"]']
     main(["calibrate", *places, "--views", "14"])
     assert "RGB" in read_card("teapot.safetensors").calibration
     main(["bench", "accuracy", *places, "--scan-views", "1", "--card"])
