@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import torch
@@ -115,8 +115,8 @@ def confidence(
     """Return an answer's confidence in [0, 1], and a sentence if it is not calibrated or the energy is unusually high.
 
     Without a calibration, or for a fit made in another way, it is the answer's fraction of the starts' weight. If the
-    energy is above that of 99 % of the held-out views, it is at most 0.5; the same holds for a fit with depth without
-    its own calibration, whose other terms are that high by the calibration of fits without depth.
+    energy is above that of 99 % of the held-out views, it is at most 0.5. A fit with depth without a calibration has at
+    most the probability that the calibration of fits without depth gives to its other terms.
 
     Args:
         calibration: calibration of the model.
@@ -131,7 +131,14 @@ def confidence(
             found[0].weight,
             f"{UNCALIBRATED}, as the model's card tells nothing of such fits: {share}",
         )
-        if by_looks is not None and _looks_energy(fit, found[0].energy, by_looks) > by_looks.energy_99:
+        looks = None if by_looks is None else _looks_energy(fit, found[0].energy, by_looks)
+        if by_looks is None or looks is None:
+            return probability, warning
+        # Depth makes an answer better, hardly worse: a picture that explains little by its looks stays doubtful.
+        features = evidence([replace(found[0], energy=looks), *found[1:]], head_share)
+        if set(by_looks.coefficients) <= set(features):
+            probability = min(probability, by_looks.probability(features))
+        if looks > by_looks.energy_99:
             probability = min(probability, DOUBTFUL)
             warning += (
                 f"; the drawing explains the look of the picture poorly, and it is {100 * DOUBTFUL:.0f} % at most"
@@ -150,11 +157,11 @@ def confidence(
     return probability, None
 
 
-def _looks_energy(fit: FitResult, energy: float, known: Calibration) -> float:
-    """Return the weighted sum of the terms of a calibration at the winner's ``energy``; 0 if the fit lacks a term."""
+def _looks_energy(fit: FitResult, energy: float, known: Calibration) -> float | None:
+    """Return the weighted sum of a calibration's terms at the winner's ``energy``; None if the fit lacks a term."""
     history, weights, start = fit.history, known.fits["weights"], int(fit.start[0])
     if not set(weights) <= set(history.terms):
-        return 0.0
+        return None
     step = int((history.energy[:, 0, start].double() - energy).abs().nan_to_num(torch.inf).argmin())
     return float(sum(weight * history.terms[name][step, 0, start] for name, weight in weights.items()))
 
