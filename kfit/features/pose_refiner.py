@@ -13,6 +13,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from kfit.core.check import check_count, check_list, check_text
+from kfit.features.convolutions import Residual, convolution
 from kfit.geometry.refiner_network import PoseUpdate, RefinerNetwork
 from kfit.runtime.torch_file import read_torch
 
@@ -66,7 +67,7 @@ class PoseRefiner(RefinerNetwork):
         self.image_size = image_size
         self.trunk = nn.Sequential()
         for a, b in pairwise((8, *channels)):
-            self.trunk.extend([_convolution(a, b, 2), _Residual(b)])
+            self.trunk.extend([convolution(a, b, 2), Residual(b)])
         self.hidden = nn.Linear(channels[-1] * (image_size // 2 ** len(channels)) ** 2, hidden_dim)
         self.out = nn.Linear(hidden_dim, 11)
         nn.init.zeros_(self.out.weight)
@@ -104,18 +105,3 @@ def _state(weights: str) -> dict[str, Tensor]:
         return {key.removeprefix("refiner."): value for key, value in numbers.items()}
     except (SafetensorError, ValueError, TypeError, KeyError, AttributeError) as error:
         raise ValueError(f"PoseRefiner: {path} holds no weights of a refiner: {error}") from None
-
-
-class _Residual(nn.Module):
-    def __init__(self, dim: int) -> None:
-        super().__init__()
-        self.change = _convolution(dim, dim, 1)
-
-    def forward(self, x: Tensor) -> Tensor:
-        changed: Tensor = x + self.change(x)
-        return changed
-
-
-def _convolution(a: int, b: int, stride: int) -> nn.Sequential:
-    # The normalisation has the offset.
-    return nn.Sequential(nn.Conv2d(a, b, 3, stride, 1, bias=False), nn.BatchNorm2d(b), nn.LeakyReLU(0.2))

@@ -11,7 +11,8 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from kfit.core.check import check_count, check_list, check_range, check_rising
-from kfit.generators.rotation_head import _bins, _convolution, _Residual, azimuth_bins
+from kfit.features.convolutions import Residual, convolution
+from kfit.generators.rotation_head import _bins, azimuth_bins
 from kfit.geometry import Symmetry, check_symmetry
 from kfit.geometry.pose_network import PoseNetwork
 from kfit.runtime.old_weights import read_old_weights
@@ -69,9 +70,9 @@ class PoseHead(PoseNetwork):
             symmetry=symmetry,
             sigma=math.radians(sigma_deg),
         )
-        self.features = nn.Sequential(_convolution(3, channels[0], 2))
+        self.features = nn.Sequential(convolution(3, channels[0], 2))
         for a, b in pairwise(channels):
-            self.features.extend([_convolution(a, b, 2), _Residual(b)])
+            self.features.extend([convolution(a, b, 2), Residual(b)])
         size = channels[-1] * (image_size // 2 ** len(channels)) ** 2
         bins = self.num_azimuths * self.num_elevations
         self.output = nn.Sequential(nn.Linear(size, hidden_dim), nn.LeakyReLU(0.2), nn.Linear(hidden_dim, bins))

@@ -12,6 +12,7 @@ from torch.nn import functional as F
 
 from kfit.core import Rendering
 from kfit.core.check import check_count, check_list, check_range
+from kfit.features.convolutions import Residual, convolution
 from kfit.generators.similarity_warp import warp
 from kfit.geometry import Symmetry, check_symmetry, num_turns
 from kfit.geometry.pose_network import PoseNetwork
@@ -74,9 +75,9 @@ class RotationHead(PoseNetwork):
             symmetry=symmetry,
             sigma=math.radians(sigma_deg),
         )
-        self.features = nn.Sequential(_convolution(3, channels[0], 2))
+        self.features = nn.Sequential(convolution(3, channels[0], 2))
         for a, b in pairwise(channels):
-            self.features.extend([_convolution(a, b, 2), _Residual(b)])
+            self.features.extend([convolution(a, b, 2), Residual(b)])
         self.hidden = nn.Linear(channels[-1] * (image_size // 2 ** len(channels)) ** 2, hidden_dim)
         self.roll = nn.Linear(hidden_dim, self.num_rolls)
         self.view = nn.Linear(hidden_dim, self.num_azimuths * self.num_elevations)
@@ -125,21 +126,6 @@ class RotationHead(PoseNetwork):
         # Half precision, under autocast, is too coarse for a logarithm.
         roll, view = (out.to(torch.promote_types(out.dtype, torch.float32)).log_softmax(1) for out in outputs)
         return roll, view
-
-
-class _Residual(nn.Module):
-    def __init__(self, dim: int) -> None:
-        super().__init__()
-        self.change = _convolution(dim, dim, 1)
-
-    def forward(self, x: Tensor) -> Tensor:
-        changed: Tensor = x + self.change(x)
-        return changed
-
-
-def _convolution(a: int, b: int, stride: int) -> nn.Sequential:
-    # The normalisation has a bias.
-    return nn.Sequential(nn.Conv2d(a, b, 3, stride, 1, bias=False), nn.BatchNorm2d(b), nn.LeakyReLU(0.2))
 
 
 def _bins(low_deg: float, high_deg: float, count: int) -> Tensor:
