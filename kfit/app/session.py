@@ -165,7 +165,7 @@ class Session:
         if self.target is None:
             raise ValueError("Draw a box around the object first; then its mask can be corrected.")
         mask = painted(self.target.segment.mask, points, keep)
-        self.target = replace(self.target, segment=Segment(mask))  # `fit` looks at it anew
+        self.target = replace(self.target, segment=Segment(mask))  # `fit` examines it again
         self._pointed, self._words = {"mask": mask}, ["--mask", "mask.png"]
 
     def fit(self, category: str | None, camera: Camera | None = None) -> Iterator[Drawn | PoseResult]:

@@ -134,7 +134,7 @@ def confidence(
         looks = None if by_looks is None else _looks_energy(fit, found[0].energy, by_looks)
         if by_looks is None or looks is None:
             return probability, warning
-        # Depth makes an answer better, hardly worse: a picture that explains little by its looks stays doubtful.
+        # Depth seldom makes an answer worse, and a drawing that explains the picture poorly stays doubtful with it.
         features = evidence([replace(found[0], energy=looks), *found[1:]], head_share)
         if set(by_looks.coefficients) <= set(features):
             probability = min(probability, by_looks.probability(features))
