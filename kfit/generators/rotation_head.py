@@ -17,7 +17,6 @@ from kfit.generators.similarity_warp import warp
 from kfit.geometry import Symmetry, check_symmetry, num_turns
 from kfit.geometry.pose_network import PoseNetwork
 
-
 # Standard deviation of the rolls of objects that stand, in photos taken by hand.
 UPRIGHT_SPREAD_DEG = 15.0
 
@@ -30,8 +29,10 @@ class RotationHead(PoseNetwork):
     picture rotated back by a roll. A forward pass rotates the picture back by each roll bin; the roll outputs of all
     rotated pictures are averaged (in logarithms, each shifted by its rotation), so that a rotation of the picture by a
     bin shifts the distribution of the evidence by a bin. It is multiplied by a prior, because objects mostly stand: a
-    share ``upright`` of the rolls is normal around 0 with a standard deviation of 15°, the others are uniform. In views straight from above or below, where roll and azimuth are
-    indistinguishable, the targets cover all pairs of the same rotation, because they depend on the rotation alone.
+    share ``upright`` of the rolls is normal around 0 with a standard deviation of 15°, the others are uniform.
+
+    In views straight from above or below, where roll and azimuth are indistinguishable, the targets cover all pairs of
+    the same rotation, because they depend on the rotation alone.
 
     A stride-2 convolution for each level, all but the first followed by a residual one, then two linear layers.
 
