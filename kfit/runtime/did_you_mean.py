@@ -1,4 +1,4 @@
-"""Suggestions for misspelt commands and options."""
+"""Suggestions for misspelt words of the command line."""
 
 from __future__ import annotations
 
@@ -25,12 +25,24 @@ def suggestion(words: Sequence[str], top: ArgumentParser, others: Iterable[str] 
         if word.startswith("--"):
             name, options = word.partition("=")[0], {name for name in here._option_string_actions if name[-1] != "+"}
             if name not in options:
-                return _close(name, options)
+                return near(name, options)
         elif commands:
-            return _close(word, {*commands, *known})
+            return near(word, {*commands, *known})
     return ""
 
 
-def _close(word: str, known: Iterable[str]) -> str:
+def option_suggestion(message: str, options: Iterable[str]) -> str:
+    """Return " did you mean …?" for the option that a message calls unrecognized, else ""."""
+    if not message.startswith("unrecognized arguments: --"):
+        return ""
+    word = message.split()[2].partition("=")[0]
+    first, firsts = word.partition(".")[0], {option.partition(".")[0] for option in options}
+    if first not in firsts:
+        return near(first, firsts)
+    return near(word, {option for option in options if not option.endswith(("+", ".help"))})
+
+
+def near(word: str, known: Iterable[str]) -> str:
+    """Return " did you mean …?" with the known word that is most like this one, or "" where none is."""
     found = get_close_matches(word, sorted(known), n=1, cutoff=0.6)
     return f" did you mean {found[0]}?" if found else ""
