@@ -290,9 +290,9 @@ class TestTraining:
         [
             (
                 {"losses": {"kl": L1()}, "loss_weights": None},
-                "kl is a name that the log needs, and so are extents, kl, l1, loss",
+                "the name kl is reserved for the log, which uses extents, kl, l1, loss",
             ),
-            ({"losses": {"ssim": L1()}, "loss_weights": None}, "losses: ssim is a name that the log needs"),
+            ({"losses": {"ssim": L1()}, "loss_weights": None}, "losses: the name ssim is reserved for the log"),
         ],
     )
     def test_mistakes_in_the_losses_names_are_reported_when_it_is_built(self, changes, said):
