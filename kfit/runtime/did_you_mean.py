@@ -18,7 +18,7 @@ def suggestion(words: Sequence[str], top: ArgumentParser, others: Iterable[str] 
     """
     here, known = top, set(others)
     for word in words:
-        commands = {} if here._subcommands_action is None else here._subcommands_action.choices
+        commands = _commands(here)
         if word in commands:
             here, known = commands[word], set()
             continue
@@ -31,15 +31,23 @@ def suggestion(words: Sequence[str], top: ArgumentParser, others: Iterable[str] 
     return ""
 
 
-def option_suggestion(message: str, options: Iterable[str]) -> str:
-    """Return " did you mean …?" for the option that a message calls unrecognized, else ""."""
+def option_suggestion(message: str, words: Sequence[str], top: ArgumentParser) -> str:
+    """Return " did you mean …?" for the option that the message of a parser calls unrecognized, else ""."""
     if not message.startswith("unrecognized arguments: --"):
         return ""
+    here = top
+    for command in words:
+        here = _commands(here).get(command, here)
+    options = here._option_string_actions
     word = message.split()[2].partition("=")[0]
     first, firsts = word.partition(".")[0], {option.partition(".")[0] for option in options}
     if first not in firsts:
         return near(first, firsts)
     return near(word, {option for option in options if not option.endswith(("+", ".help"))})
+
+
+def _commands(parser: ArgumentParser) -> dict[str, ArgumentParser]:
+    return {} if parser._subcommands_action is None else parser._subcommands_action.choices
 
 
 def near(word: str, known: Iterable[str]) -> str:

@@ -80,8 +80,7 @@ class _CLI(LightningCLI):
             if message.startswith("Problems parsing config"):  # the message lacks the file
                 recipes = [name for option, name in pairwise(args) if option in ("-c", "--config")]
                 message = f"{', '.join(recipes)}: {message}"
-            chosen = parser._subcommands_action.choices.get(args[0] if args else "", parser)
-            meant = option_suggestion(message, chosen._option_string_actions)
+            meant = option_suggestion(message, args, parser)
             raise ValueError(f"{message};{meant} `{command} --help` shows the usage") from None
 
     def instantiate_classes(self) -> None:
