@@ -35,6 +35,7 @@ from kfit.training.continued_log import ContinuedCSVLogger, run_of
 KNOWN: dict[str, Callable[[Category], object]] = {
     "generator.init_args.unit_fraction": lambda category: category.unit_fraction,
     "pose_head.init_args.symmetry": lambda category: category.symmetry,
+    "pose_head.init_args.upright": lambda category: category.upright,
     "regressor.init_args.symmetry": lambda category: category.symmetry,
     "symmetry": lambda category: category.symmetry,
     "unit_fraction": lambda category: category.unit_fraction,
