@@ -20,7 +20,7 @@ from kfit.geometry import CATEGORIES
 from kfit.pose import CategoryModel, PoseResult
 from kfit.pose.card import KINDS
 from kfit.reports.contact_sheet import SheetEntry, contact_sheet, evenly
-from kfit.reports.overlay import Picture
+from kfit.reports.lettering import Picture
 from kfit.runtime.console import log
 
 # Fits on a contact sheet, as many as a reader looks at.
@@ -58,7 +58,8 @@ class AccuracyFits:
         found: Figures = {}
         for category, model in self.models.items():
             if model.card.shapes is None:
-                log.warning("%s: nothing draws objects of this category; --meshes gives some to measure on", category)
+                if not self.args.meshes:
+                    log.warning("%s: nothing draws its objects; --meshes gives some to measure on", category)
                 continue
             task = self.bar.add_task(f"{category}, procedural", total=self.args.views)
             if category not in self.views:
