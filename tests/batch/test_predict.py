@@ -11,12 +11,9 @@ import time
 from pathlib import Path
 
 import pytest
-import torch
 from nocs_lookalike import write_frames
+from tiny_model import write_tiny
 
-from kfit.generators import VAE3D, ConvEncoder, ExtentsHead
-from kfit.models import write_model
-from kfit.pose import Card
 from kfit.training.lightning_cli import main
 
 RECIPE = Path(__file__).parents[2] / "recipes/fit_dataset.yaml"
@@ -30,23 +27,7 @@ def place(tmp_path_factory):
     """A folder with frames of mugs in ``nocs``, and a tiny model of them."""
     place = tmp_path_factory.mktemp("place")
     write_frames(place / "nocs", [("mug", "mug")] * NUM_FRAMES)
-    sizes = {"code_dim": 4, "volume_dims": [8, 8, 4], "projection_dim": 8, "decoder_dims": [8, 8]}
-    said = {
-        "generator": {"class_path": "kfit.generators.VAE3D", "init_args": sizes},
-        "encoder": {
-            "class_path": "kfit.generators.ConvEncoder",
-            "init_args": {"code_dim": 4, "channels": [8, 8, 8, 8]},
-        },
-        "extents": {"class_path": "kfit.generators.ExtentsHead", "init_args": {"code_dim": 4}},
-    }
-    with torch.random.fork_rng():
-        torch.manual_seed(0)
-        networks = {
-            name: kind(**said[name]["init_args"])
-            for name, kind in (("generator", VAE3D), ("encoder", ConvEncoder), ("extents", ExtentsHead))
-        }
-    card = Card("mug", said, 4.0, 1.0, (-15.0, 75.0), "y up", "none", 0.17)
-    write_model(place / "mug.safetensors", networks, card)
+    write_tiny(place / "mug.safetensors")
     return place
 
 

@@ -7,31 +7,19 @@ import cv2
 import numpy as np
 import pytest
 from nocs_lookalike import write_frames
+from tiny_model import TINY_FIELD, write_tiny
 
 from kfit.bench.accuracy_page import mean_of, objects_section, views_section
 from kfit.cli.main import main
-from kfit.generators import ConvEncoder, ExtentsHead, RadianceField
-from kfit.models import read_card, write_model
-from kfit.pose import Card
+from kfit.models import read_card
 
 QUICK = ["--starts", "2", "--steps", "1"]
 
 
 @pytest.fixture
 def tiny(tmp_path: Path) -> Path:
-    """A mug's model file, small and untrained."""
-    sizes = {
-        "generator": ("RadianceField", {"code_dim": 4, "volume_dims": [8, 4], "num_samples": 4}),
-        "encoder": ("ConvEncoder", {"code_dim": 4, "channels": [8, 8, 8, 8]}),
-        "extents": ("ExtentsHead", {"code_dim": 4}),
-    }
-    kinds = {"RadianceField": RadianceField, "ConvEncoder": ConvEncoder, "ExtentsHead": ExtentsHead}
-    named = {part: {"class_path": f"kfit.generators.{name}", "init_args": said} for part, (name, said) in sizes.items()}
-    card = Card("mug", named, 4.0, 1.0, (-15.0, 75.0), "y up", "none", 0.17)
-    write_model(
-        tmp_path / "tiny.safetensors", {part: kinds[name](**said) for part, (name, said) in sizes.items()}, card
-    )
-    return tmp_path / "tiny.safetensors"
+    """A mug's model file, small and untrained, that draws depth."""
+    return write_tiny(tmp_path / "tiny.safetensors", networks=TINY_FIELD)
 
 
 @pytest.fixture

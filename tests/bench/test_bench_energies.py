@@ -4,31 +4,22 @@ import json
 from pathlib import Path
 
 import pytest
+from tiny_model import TINY_FIELD, write_tiny
 
 from kfit.bench import accuracy_fits
 from kfit.bench.energies import mixes, section
 from kfit.cli.main import main
 from kfit.energies import Silhouette
-from kfit.generators import ConvEncoder, ExtentsHead, RadianceField
-from kfit.models import load, write_model
-from kfit.pose import Card, CategoryModel
+from kfit.models import load
+from kfit.pose import CategoryModel
 
 QUICK = ["--views", "1", "--starts", "2", "--steps", "1"]
 
 
 @pytest.fixture
 def tiny(tmp_path: Path) -> Path:
-    """A mug's model file, small and untrained."""
-    kinds = {"generator": RadianceField, "encoder": ConvEncoder, "extents": ExtentsHead}
-    sizes = {
-        "generator": {"code_dim": 4, "volume_dims": [8, 4], "num_samples": 4},
-        "encoder": {"code_dim": 4, "channels": [8, 8, 8, 8]},
-        "extents": {"code_dim": 4},
-    }
-    named = {n: {"class_path": f"kfit.generators.{kinds[n].__name__}", "init_args": said} for n, said in sizes.items()}
-    card = Card("mug", named, 4.0, 1.0, (-15.0, 75.0), "y up", "none", 0.17)
-    write_model(tmp_path / "tiny.safetensors", {n: kinds[n](**said) for n, said in sizes.items()}, card)
-    return tmp_path / "tiny.safetensors"
+    """A mug's model file, small and untrained, that draws depth."""
+    return write_tiny(tmp_path / "tiny.safetensors", networks=TINY_FIELD)
 
 
 def two(vgg16: str | None) -> dict[str, object]:

@@ -7,13 +7,11 @@ from pathlib import Path
 
 import pytest
 import torch
+from tiny_model import TINY, write_tiny
 
 from kfit.bench import speed as bench_speed
 from kfit.bench.speed_page import sections
 from kfit.cli.main import main
-from kfit.generators import VAE3D, ConvEncoder, ExtentsHead, PoseHead
-from kfit.models import write_model
-from kfit.pose import Card
 from kfit.runtime.devices import Operations, matrix_rate
 
 ROOT = Path(__file__).parents[2]
@@ -21,18 +19,14 @@ ROOT = Path(__file__).parents[2]
 
 @pytest.fixture
 def tiny(tmp_path: Path) -> Path:
-    """A bottle's model file, small and untrained."""
-    kinds = {"generator": VAE3D, "encoder": ConvEncoder, "extents": ExtentsHead, "pose_head": PoseHead}
-    sizes = {
-        "generator": {"code_dim": 4, "volume_dims": [8, 4, 4], "projection_dim": 8, "decoder_dims": [8, 4]},
-        "encoder": {"code_dim": 4, "channels": [8, 8, 8, 8]},
-        "extents": {"code_dim": 4},
-        "pose_head": {},
+    """A bottle's model file, small and untrained, with a pose head."""
+    sizes = {"code_dim": 4, "volume_dims": [8, 4, 4], "projection_dim": 8, "decoder_dims": [8, 4]}
+    networks = {
+        **TINY,
+        "generator": {"class_path": "kfit.generators.VAE3D", "init_args": sizes},
+        "pose_head": {"class_path": "kfit.generators.PoseHead", "init_args": {}},
     }
-    named = {n: {"class_path": f"kfit.generators.{kinds[n].__name__}", "init_args": said} for n, said in sizes.items()}
-    card = Card("bottle", named, 4.0, 1.0, (-15.0, 75.0), "y up", "y", 0.34)
-    write_model(tmp_path / "tiny.safetensors", {n: kinds[n](**said) for n, said in sizes.items()}, card)
-    return tmp_path / "tiny.safetensors"
+    return write_tiny(tmp_path / "tiny.safetensors", "bottle", networks)
 
 
 @pytest.fixture

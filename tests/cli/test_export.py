@@ -8,6 +8,7 @@ from pathlib import Path
 import onnxruntime
 import pytest
 import torch
+from tiny_model import write_tiny
 from torch import Tensor
 
 import kfit
@@ -15,18 +16,12 @@ from kfit.cli.main import main
 from kfit.core import Generator, Observation, Rendering, Space, Variable
 from kfit.energies import L2, Silhouette
 from kfit.features import EfficientNetLite0
-from kfit.generators import VAE3D, ConvEncoder, ExtentsHead, OnnxGenerator, SimilarityWarp
+from kfit.generators import OnnxGenerator, SimilarityWarp
 from kfit.initializers import Constant
-from kfit.models import write_model
 from kfit.models.export import export_generator
 from kfit.optimizers import CMAES, Adam
-from kfit.pose import Card, CategoryModel
+from kfit.pose import CategoryModel
 
-NETWORKS = {
-    "generator": (VAE3D, {"code_dim": 4, "volume_dims": [8, 8, 4], "projection_dim": 8, "decoder_dims": [8, 8]}),
-    "encoder": (ConvEncoder, {"code_dim": 4, "channels": [8, 8, 8, 8]}),
-    "extents": (ExtentsHead, {"code_dim": 4}),
-}
 ROWS = [1, 2, 5]
 
 
@@ -34,13 +29,7 @@ ROWS = [1, 2, 5]
 def exported(tmp_path_factory: pytest.TempPathFactory) -> tuple[CategoryModel, Path]:
     """A model of random weights and the folder that the command wrote."""
     home = tmp_path_factory.mktemp("export")
-    torch.manual_seed(0)
-    networks = {name: kind(**settings) for name, (kind, settings) in NETWORKS.items()}
-    said = {
-        name: {"class_path": f"kfit.generators.{kind.__name__}", "init_args": settings}
-        for name, (kind, settings) in NETWORKS.items()
-    }
-    write_model(home / "tiny.safetensors", networks, Card("mug", said, 4.0, 1.0, (-15.0, 75.0), "y up", "none", 0.17))
+    write_tiny(home / "tiny.safetensors")
     main(["export", str(home / "tiny.safetensors"), "--out", str(home / "onnx")])
     return kfit.load(home / "tiny.safetensors"), home / "onnx"
 
