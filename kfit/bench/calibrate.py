@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -113,8 +114,8 @@ def run(args: Namespace) -> None:
     weights = {name: float(weight) for name, weight in pipeline.weights.items() if weight}  # type: ignore[arg-type]
     found = calibrate(features, right, energy, how_fitted(fitted, weights), args.seed, distances)
     found.measured["sets"] = by_set(names, cross_validated(features, right), right)
-    model.card.calibration[kind] = found
-    write_model(Path(args.model), model.networks, model.card)  # the weights that were measured, with their card
+    card = replace(model.card, calibration={**model.card.calibration, kind: found})
+    write_model(Path(args.model), model.networks, card)  # the weights that were measured, with their card
     print_reliability(found.measured, "by cross-validation")
     print_sets(found.measured["sets"])
     print(f"covariances are multiplied by {found.covariance_factor:.2f}, by {len(distances)} right answers")

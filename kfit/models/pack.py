@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -48,18 +49,18 @@ def pack(
     """
     if checkpoint.suffix == ".safetensors":
         networks, card = read_model(checkpoint)
-        card.accuracy, card.calibration = {}, {}
+        card = replace(card, accuracy={}, calibration={})
     elif category is None:
         networks, card = _trained(checkpoint, command)
     else:
         networks, card = released_model(checkpoint, category)
-    card.pose_weight = pose_weight
     if pose_head is not None:
-        networks["pose_head"], card.networks["pose_head"], of, trained = _head(pose_head)
+        networks["pose_head"], described, of, trained = _head(pose_head)
         if of != card.category:
             raise ValueError(f"--pose-head is of category {of}, the checkpoint of {card.category}")
-        card.training["pose_head"] = trained
-    write_model(out, networks, card)
+        with_head = {**card.networks, "pose_head": described}
+        card = replace(card, networks=with_head, training={**card.training, "pose_head": trained})
+    write_model(out, networks, replace(card, pose_weight=pose_weight))
 
 
 def _trained(path: Path, command: str | None) -> tuple[dict[str, nn.Module], Card]:
@@ -85,7 +86,7 @@ def _trained(path: Path, command: str | None) -> tuple[dict[str, nn.Module], Car
     )
 
 
-def _head(path: Path) -> tuple[nn.Module, dict[str, Any], str, Any]:
+def _head(path: Path) -> tuple[nn.Module, Mapping[str, Any], str, Any]:
     """Return the pose head of a checkpoint or of a model: network, its entry in cards, category and training."""
     if path.suffix == ".safetensors":
         networks, card = read_model(path)

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import FrozenInstanceError
 from pathlib import Path
 
 import cv2
@@ -9,9 +10,10 @@ import pytest
 from nocs_lookalike import write_frames
 from tiny_model import TINY_FIELD, write_tiny
 
+from kfit.bench.accuracy import parser, write_card
 from kfit.bench.accuracy_page import mean_of, objects_section, views_section
 from kfit.cli.main import main
-from kfit.models import read_card
+from kfit.models import load, read_card
 
 QUICK = ["--starts", "2", "--steps", "1"]
 
@@ -60,6 +62,16 @@ def test_all_sources_are_printed_noted_in_the_card_and_written(
     accuracy = read_card(tiny).accuracy
     assert len(accuracy) == 3
     assert accuracy["unseen procedural objects, held-out families, upright views"]["all views"]["number"] == 2
+
+
+def test_figures_go_into_the_file_and_not_into_the_loaded_model(tiny: Path) -> None:
+    model = load(tiny)
+    args = parser().parse_args(["--model", str(tiny)])
+    write_card({"mug": model}, args, {"mug": figures(2.0, 0.5)}, {}, [])
+    assert model.card.accuracy == {}
+    assert list(read_card(tiny).accuracy) == ["unseen procedural objects, held-out families, upright views"]
+    with pytest.raises(FrozenInstanceError):
+        model.card.accuracy = {}
 
 
 @pytest.mark.parametrize(

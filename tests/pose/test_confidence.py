@@ -184,10 +184,11 @@ def test_a_card_keeps_its_calibrations(tiny_file: Path) -> None:
     told = [{"energy": one["x"], "looks": one["y"]} for one in made]
     card = read_card(tiny_file)
     assert card.calibration == {}
-    card.calibration["RGB"] = calibrate(told, right, list(range(30)), FITS, 7, [25.184] * 20)
+    calibrated = calibrate(told, right, list(range(30)), FITS, 7, [25.184] * 20)
+    card = replace(card, calibration={"RGB": calibrated})
     put_card(tiny_file, card.to_json())
     again = read_card(tiny_file).calibration["RGB"]
-    assert again == card.calibration["RGB"]
+    assert again == calibrated
     assert again.views == 30
     assert again.energy_99 == pytest.approx(28.71)
     assert again.covariance_factor == pytest.approx(2)
@@ -237,7 +238,8 @@ def test_a_pose_has_calibrated_confidence_in_the_model_s_own_fit_alone(tiny_mode
     weights = {name: weight for name, weight in tiny_model.pipeline().weights.items() if isinstance(weight, float)}
     fits = how_fitted(first.fit, weights)
     for high, told in ((1e6, False), (1e-6, True)):
-        tiny_model.card.calibration["RGB"] = Calibration(-1.0, {}, high, fits, 9)
+        calibration = {"RGB": Calibration(-1.0, {}, high, fits, 9)}
+        tiny_model.card = replace(tiny_model.card, calibration=calibration)
         own = tiny_model.pose(image, mask=mask, pipeline=tiny_model.pipeline(4, 2))
         assert own.confidence == pytest.approx(1 / (1 + math.e))
         assert not any("not calibrated" in note for note in own.notes)

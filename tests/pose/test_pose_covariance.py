@@ -199,7 +199,7 @@ def test_the_factor_of_the_card_multiplies_all_but_what_symmetry_leaves_open() -
     for category, kept in (("mug", 0.0), ("bottle", ANGLE_SD**2)):
         card = tiny_card(category)
         plain = pose_covariance(fit_of(), seen(), card, linear)
-        card.calibration["RGB"] = Calibration(0.0, {}, 1.0, fits, 9, covariance_factor=4.0)
+        card = replace(card, calibration={"RGB": Calibration(0.0, {}, 1.0, fits, 9, covariance_factor=4.0)})
         axis = np.zeros((6, 1))
         axis[:3] = placement(fit_of().values, seen().crop, CAMERA, card)[0][0, :, 1:2].numpy()
         turn = kept * axis @ axis.T
