@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from kfit.bench.accuracy_fits import Figures
     from kfit.fitting.pipeline import FitPipeline
     from kfit.pose import CategoryModel
-    from kfit.reports.overlay import Picture
+    from kfit.reports.lettering import Picture
 
 
 def parser() -> ArgumentParser:

@@ -20,7 +20,7 @@ from kfit.geometry import CATEGORIES
 from kfit.pose import CategoryModel, PoseResult
 from kfit.pose.card import KINDS
 from kfit.reports.contact_sheet import SheetEntry, contact_sheet, evenly
-from kfit.reports.overlay import Picture
+from kfit.reports.lettering import Picture
 from kfit.runtime.console import log
 
 # Fits on a contact sheet, as many as a reader looks at.

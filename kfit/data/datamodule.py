@@ -17,8 +17,9 @@ from torch.utils.data import DataLoader, DistributedSampler
 from kfit.core.check import check_count, check_list, check_rising, check_text
 from kfit.data.category_files import read_category
 from kfit.data.mesh_places import MeshFile, find_mesh_files
+from kfit.data.rendered_views import build_views, settings_of
 from kfit.data.view_pairs import ViewPairs
-from kfit.data.views import Views, build_views, settings_of
+from kfit.data.views import Views
 from kfit.geometry.categories import CATEGORIES, Category
 
 LEARN = ("train", "val")

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from kfit.geometry import Crop
-from kfit.reports.overlay import Picture, draw_overlay
+from kfit.reports.lettering import Picture
+from kfit.reports.overlay import draw_overlay
 
 # Side of a panel, space between cells and lines of text, in pixels.
 PANEL, GAP, LINE = 176, 14, 26

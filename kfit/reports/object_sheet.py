@@ -9,7 +9,7 @@ import numpy as np
 
 from kfit.data import Light, Mesh, pose_view
 from kfit.reports.contact_sheet import FAINT, GAP, INK, LINE, PANEL, put_text
-from kfit.reports.overlay import Picture
+from kfit.reports.lettering import Picture
 
 # Azimuth and elevation in degrees, by what they must show. At azimuth −90° an object's +x points towards the viewer.
 SIDES = {

@@ -12,20 +12,16 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from kfit.geometry import EDGES, Crop, box_corners, project
+from kfit.reports.lettering import INK, Colour, Picture, caption_strip, draw_label, draw_tag
 from kfit.reports.words import Level, confidence_level
-
-Picture = NDArray[np.uint8]
-Colour = tuple[int, int, int]
 
 # Of the photo's longer side as shown: larger photos shrink, smaller ones grow until a label can be read.
 LARGEST, SMALLEST = 1280, 480
-BOX, OUTLINE, INK, PAPER = (255, 176, 0), (255, 255, 255), (30, 30, 30), (255, 255, 255)
+BOX, OUTLINE = (255, 176, 0), (255, 255, 255)
 LEVELS: dict[Level, Colour] = {"high": (95, 220, 120), "medium": (255, 192, 105), "low": (255, 110, 100)}
 AXES = (("x", (230, 40, 40)), ("y", (30, 170, 60)), ("z", (40, 90, 240)))
 # Of a video's frame: encoding 640 pixels takes about as long as following.
 LARGEST_FRAME = 640
-# Height of a line of OpenCV's lettering at font scale 1.
-LINE = 30.0
 # OpenCV draws with a precision of 1/16 pixel by its argument `shift`.
 BITS = 4
 
@@ -71,15 +67,15 @@ def draw_overlay(
     )
     _draw_pose(photo, rotation, translation, size, move @ camera, thick)
     if observed is not None or drawing is not None:
-        _write(photo, "photo", thick)
+        draw_label(photo, "photo", thick)
     side = max(160, photo.shape[0] // 2)
     panels = []
     for label, picture in (("seen", observed), ("fitted", drawing)):
         if picture is not None:
             panels.append(_resized(_bytes(picture.movedim(0, -1)), side, side))
-            _write(panels[-1], label, thick)
-    shown = _beside(photo, panels)
-    return shown if caption is None else np.concatenate((shown, _strip(caption, shown.shape[1], thick)))
+            draw_label(panels[-1], label, thick)
+    shown = _with_panels(photo, panels)
+    return shown if caption is None else np.concatenate((shown, caption_strip(caption, shown.shape[1], thick)))
 
 
 def draw_objects(image: Any, poses: Sequence[Mapping[str, Any]], caption: str | None = None) -> Picture:
@@ -103,8 +99,8 @@ def draw_objects(image: Any, poses: Sequence[Mapping[str, Any]], caption: str | 
         _draw_pose(photo, rotation, translation, size, move @ camera, thick)
         rows, columns = (np.flatnonzero((np.asarray(pose["mask"]) > 0.5).any(axis)) for axis in (1, 0))
         corner = move[:2, :2] @ torch.tensor([columns[0], rows[0]], dtype=torch.float64)
-        _tag(photo, str(number), corner, INK, 1.5 * thick)
-    return photo if caption is None else np.concatenate((photo, _strip(caption, photo.shape[1], thick)))
+        draw_tag(photo, str(number), corner, INK, 1.5 * thick)
+    return photo if caption is None else np.concatenate((photo, caption_strip(caption, photo.shape[1], thick)))
 
 
 def draw_frame(
@@ -143,7 +139,7 @@ def draw_frame(
     if pose is not None:
         rotation, translation, size, intrinsics = (torch.as_tensor(part).double() for part in pose)
         _draw_pose(shown, rotation, translation, size, move @ intrinsics, thick)
-    _write(shown, caption, thick)
+    draw_label(shown, caption, thick)
     if confidence is not None:
         high, wide = round(5 * thick), round(confidence * shown.shape[1])
         shown[-high:] = INK
@@ -185,7 +181,7 @@ def _draw_pose(
     for k in tips[:, 2].argsort(descending=True).tolist():
         name, colour = AXES[k]
         _line(photo, ends[0], ends[k + 1], colour, 1.5 * thick)
-        _tag(photo, name, ends[k + 1], colour, thick)
+        draw_tag(photo, name, ends[k + 1], colour, thick)
 
 
 def _draw_outline(photo: Picture, mask: NDArray[np.float32], thick: float, color: Colour = OUTLINE) -> None:
@@ -203,31 +199,7 @@ def _line(picture: Picture, start: Tensor, end: Tensor, colour: Colour, thick: f
     cv2.line(picture, a, b, colour, max(1, round(thick)), cv2.LINE_AA, BITS)
 
 
-def _text(picture: Picture, text: str, x: float, y: float, ink: Colour, height: float) -> None:
-    """Text in a line ``height`` pixels high whose left end's middle is at (x, y)."""
-    spot = (round(x), round(y + 0.3 * height))
-    cv2.putText(picture, text, spot, cv2.FONT_HERSHEY_SIMPLEX, height / LINE, ink, 1, cv2.LINE_AA)
-
-
-def _width(text: str, height: float) -> float:
-    return float(cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, height / LINE, 1)[0][0])
-
-
-def _tag(picture: Picture, name: str, place: Tensor, colour: Colour, thick: float) -> None:
-    """A white letter on a disc of the axis's colour."""
-    x, y = place.clamp(-1e4, 1e4).tolist()
-    cv2.circle(picture, (round(x), round(y)), round(6 * thick), colour, -1, cv2.LINE_AA)
-    _text(picture, name, x - _width(name, 12 * thick) / 2, y - 0.6 * thick, PAPER, 12 * thick)
-
-
-def _write(picture: Picture, label: str, thick: float) -> None:
-    """A dark label on a white plate in the upper left corner."""
-    height = 14 * thick
-    cv2.rectangle(picture, (0, 0), (round(_width(label, height) + height), round(1.4 * height)), PAPER, -1)
-    _text(picture, label, height / 2, 0.7 * height, INK, height)
-
-
-def _beside(photo: Picture, panels: list[Picture]) -> Picture:
+def _with_panels(photo: Picture, panels: list[Picture]) -> Picture:
     if not panels:
         return photo
     height = max(photo.shape[0], sum(p.shape[0] for p in panels))
@@ -237,16 +209,6 @@ def _beside(photo: Picture, panels: list[Picture]) -> Picture:
         top = k * panel.shape[0]
         shown[top : top + panel.shape[0], photo.shape[1] :] = panel
     return shown
-
-
-def _strip(caption: str, width: int, thick: float) -> Picture:
-    """The caption on white, smaller where a line would not fit."""
-    lines, height = caption.splitlines() or [""], 14 * thick
-    height *= min(1.0, (width - height) / max(1.0, *(_width(line, height) for line in lines)))
-    strip = np.full((round((1.4 * len(lines) + 0.6) * height), width, 3), 255, np.uint8)
-    for k, line in enumerate(lines):
-        _text(strip, line, height / 2, (1.4 * k + 1) * height, INK, height)
-    return strip
 
 
 def _resized(picture: Picture, width: int, height: int) -> Picture:

@@ -10,8 +10,9 @@ from lightning import LightningModule, Trainer
 from lightning.pytorch.trainer.states import TrainerFn
 
 from kfit.data.datamodule import ViewsDataModule
+from kfit.data.rendered_views import build_views
 from kfit.data.view_pairs import ViewPairs
-from kfit.data.views import Views, build_views
+from kfit.data.views import Views
 from kfit.geometry import CATEGORIES
 
 SMALL = {"num_objects": 6, "num_views": 3, "image_size": 16, "batch_size": 4, "num_val_objects": 2}

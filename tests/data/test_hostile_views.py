@@ -9,7 +9,8 @@ import h5py
 import numpy as np
 import pytest
 
-from kfit.data.views import Views, build_views
+from kfit.data.rendered_views import build_views
+from kfit.data.views import Views
 
 GOOD = {
     "images": np.full((2, 8, 8, 3), 255, np.uint8),

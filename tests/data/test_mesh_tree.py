@@ -17,7 +17,8 @@ from PIL import Image
 
 from kfit.data.mesh_files import load_mesh
 from kfit.data.mesh_tree import mesh_identities
-from kfit.data.views import Views, build_views
+from kfit.data.rendered_views import build_views
+from kfit.data.views import Views
 
 MESH = "mtllib m.mtl\nusemtl a\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n"
 

@@ -27,7 +27,7 @@ import kfit.pose.targets
 from kfit.bench import page as bench_page
 from kfit.cli.main import main
 from kfit.data import build, dump_pickle, pose_view
-from kfit.data.views import build_views
+from kfit.data.rendered_views import build_views
 from kfit.models import load
 from kfit.pose import CategoryModel
 from kfit.pose.object_finder import FoundObject, box_of

@@ -21,7 +21,7 @@ import numpy as np
 import pytest
 import torch
 
-from kfit.data.views import build_views
+from kfit.data.rendered_views import build_views
 from kfit.runtime.atomic_write import PARTIAL
 
 KILLS = int(os.environ.get("KFIT_KILLS", "3"))
