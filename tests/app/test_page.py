@@ -29,12 +29,12 @@ def served(tmp_path_factory):
     """Address of a page, and the folder in which the server keeps its files."""
     folder = tmp_path_factory.mktemp("server")
     server, port = started(folder)
-    said = []
+    lines = []
     for line in server.stderr:
-        said.append(line)
+        lines.append(line)
         if line.startswith("kfit: open"):
             break
-    assert said == [f"kfit: open http://127.0.0.1:{port}/ in a browser; Ctrl-C ends it\n"]
+    assert lines == [f"kfit: open http://127.0.0.1:{port}/ in a browser; Ctrl-C ends it\n"]
     yield f"http://127.0.0.1:{port}/", folder
     server.send_signal(signal.SIGTERM)
     assert server.wait(30) == 0

@@ -28,11 +28,11 @@ def seen(drawn_mug):
 
 @pytest.mark.slow
 def test_each_step_is_reported_once_and_the_answer_is_that_of_an_unwatched_fit(model, seen):
-    *told, result = watched(model, *seen)
-    assert [drawn.step for drawn in told] == list(range(17))
-    assert {drawn.num_steps for drawn in told} == {16}
-    assert [drawn.num_starts for drawn in told] == [4, 4, 4] + [2] * 14
-    energies = [drawn.energy for drawn in told]
+    *steps, result = watched(model, *seen)
+    assert [drawn.step for drawn in steps] == list(range(17))
+    assert {drawn.num_steps for drawn in steps} == {16}
+    assert [drawn.num_starts for drawn in steps] == [4, 4, 4] + [2] * 14
+    energies = [drawn.energy for drawn in steps]
     assert energies == sorted(energies, reverse=True)
     assert energies[-1] < energies[0]
     unwatched = pose_of(model, *seen)
@@ -40,11 +40,11 @@ def test_each_step_is_reported_once_and_the_answer_is_that_of_an_unwatched_fit(m
     assert result.to_dict() == unwatched.to_dict()
     assert result.confidence <= 0.3
     assert {"a note", "a doubt"} <= set(result.notes)
-    assert np.abs(told[-1].drawing - result.drawing).max() < 1e-3
-    assert np.abs(told[0].drawing - result.drawing).max() > 0.05
-    assert told[-1].silhouette.max() > 0.9
-    assert told[0].crop.side == result.crop.side
-    assert np.array_equal(told[0].observed, result.observation.image[0].movedim(0, -1).numpy())
+    assert np.abs(steps[-1].drawing - result.drawing).max() < 1e-3
+    assert np.abs(steps[0].drawing - result.drawing).max() > 0.05
+    assert steps[-1].silhouette.max() > 0.9
+    assert steps[0].crop.side == result.crop.side
+    assert np.array_equal(steps[0].observed, result.observation.image[0].movedim(0, -1).numpy())
 
 
 def test_leaving_ends_the_fit(model, seen):

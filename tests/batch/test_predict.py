@@ -54,9 +54,9 @@ def results(out):
 def uninterrupted(place):
     """Results of one process that nobody disturbed."""
     process = start(place, place / "whole")
-    said = process.communicate()[1]
-    assert process.returncode == 0, said
-    assert f"{2 * NUM_FRAMES} objects in {NUM_FRAMES} images fitted" in said
+    errors = process.communicate()[1]
+    assert process.returncode == 0, errors
+    assert f"{2 * NUM_FRAMES} objects in {NUM_FRAMES} images fitted" in errors
     assert not (place / "config.yaml").exists()
     whole = results(place / "whole")
     assert len(whole) == NUM_FRAMES
@@ -76,12 +76,12 @@ def test_a_killed_run_goes_on_and_ends_with_the_results_of_one_that_was_not(plac
     done = {path: path.stat().st_mtime_ns for path in out.glob("results_*.pkl")}
     assert 2 <= len(done) < NUM_FRAMES
     again = start(place, out, *more)
-    said = again.communicate()[1]
-    assert again.returncode == 0, said
-    assert f"{NUM_FRAMES - len(done)} of {NUM_FRAMES} images are to be fitted" in said
+    errors = again.communicate()[1]
+    assert again.returncode == 0, errors
+    assert f"{NUM_FRAMES - len(done)} of {NUM_FRAMES} images are to be fitted" in errors
     if more:
-        assert "process 1 of 2: " in said
-        assert "process 2 of 2: " in said
+        assert "process 1 of 2: " in errors
+        assert "process 2 of 2: " in errors
     assert {path: path.stat().st_mtime_ns for path in done} == done
     assert results(out) == uninterrupted
     assert {path.name for path in out.iterdir()} == {*uninterrupted, "fit.json"}
@@ -90,10 +90,10 @@ def test_a_killed_run_goes_on_and_ends_with_the_results_of_one_that_was_not(plac
 @pytest.mark.slow
 def test_two_processes_tell_a_mistake_once(place, tmp_path):
     process = start(place, tmp_path / "out", "--data.split", "real_train", *TWO)
-    said = process.communicate()[1]
+    errors = process.communicate()[1]
     assert process.returncode == 2
-    assert said.count("kfit: root must hold real/train or") == 1
-    assert "Traceback" not in said
+    assert errors.count("kfit: root must hold real/train or") == 1
+    assert "Traceback" not in errors
 
 
 @pytest.mark.slow
@@ -105,8 +105,8 @@ def test_two_processes_can_share_one_image(place, uninterrupted, tmp_path):
     for name in set(uninterrupted) - {last}:
         (out / name).write_bytes(b"")
     process = start(place, out, *TWO)
-    said = process.communicate()[1]
-    assert process.returncode == 0, said
+    errors = process.communicate()[1]
+    assert process.returncode == 0, errors
     assert (out / last).read_bytes() == uninterrupted[last]
 
 

@@ -42,23 +42,23 @@ def test_all_sources_are_printed_noted_in_the_card_and_written(
     write_frames(tmp_path / "nocs", [["mug", "laptop"]])
     sources = ["--views", "2", "--meshes", f"[{cube}]", "--scan-views", "1", "--nocs", str(tmp_path / "nocs")]
     main(["bench", "accuracy", "--model", str(tiny), *sources, *QUICK, "--card", "--out", str(tmp_path / "out")])
-    said = capsys.readouterr().out
+    printed = capsys.readouterr().out
     for words in ("Unseen procedural objects", "mug: 7_mug", "real_test scene_1/0000 1", "RGB-D: of 1 objects"):
-        assert words in said
-    assert "laptop" not in said
-    told = json.loads((tmp_path / "out/accuracy.json").read_text())
-    assert told["procedural"]["mug"]["all views"]["number"] == 2
-    assert told["scans"]["mug: 7_mug"]["all views"]["number"] == 1
-    assert told["objects"][0]["RGB"]["rotation_deg"] >= 0
-    assert (told["starts"], told["steps"], told["seed"]) == (2, 1, 0)
-    assert told["versions"]["torch"]
+        assert words in printed
+    assert "laptop" not in printed
+    saved = json.loads((tmp_path / "out/accuracy.json").read_text())
+    assert saved["procedural"]["mug"]["all views"]["number"] == 2
+    assert saved["scans"]["mug: 7_mug"]["all views"]["number"] == 1
+    assert saved["objects"][0]["RGB"]["rotation_deg"] >= 0
+    assert (saved["starts"], saved["steps"], saved["seed"]) == (2, 1, 0)
+    assert saved["versions"]["torch"]
     page = (tmp_path / "out/README.md").read_text()
     assert "Made by `kfit bench accuracy --model" in page
     sheets = sorted(path.name for path in (tmp_path / "out").glob("*.png"))
     assert sheets == ["mug_procedural.png", "mug_real_test.png", "mug_scan_7_mug.png"]
     assert all(f"({name})" in page for name in sheets)
     assert cv2.imread(str(tmp_path / "out" / sheets[0])).std() > 10
-    assert told["objects"][0]["RGB-D"]["translation_cm"] >= 0
+    assert saved["objects"][0]["RGB-D"]["translation_cm"] >= 0
     accuracy = read_card(tiny).accuracy
     assert len(accuracy) == 3
     assert accuracy["unseen procedural objects, held-out families, upright views"]["all views"]["number"] == 2

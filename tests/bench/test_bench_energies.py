@@ -41,17 +41,17 @@ def test_each_energy_gets_a_row_and_nothing_is_measured_twice(
     )
     main(words)
     assert drawn == [1]  # for both
-    said = capsys.readouterr()
-    assert "one" in said.out
-    assert "other" in said.out
-    assert "--vgg16 FILE" in said.err
+    printed = capsys.readouterr()
+    assert "one" in printed.out
+    assert "other" in printed.out
+    assert "--vgg16 FILE" in printed.err
     page = (tmp_path / "out/README.md").read_text()
     assert "kfit bench energies --model" in page
     path = tmp_path / "out/energies.json"
-    told = json.loads(path.read_text())
-    assert told["found"]["one"]["procedural"]["mug"]["all views"]["number"] == 1
-    del told["found"]["other"]  # as if stopped after the first
-    path.write_text(json.dumps(told))
+    saved = json.loads(path.read_text())
+    assert saved["found"]["one"]["procedural"]["mug"]["all views"]["number"] == 1
+    del saved["found"]["other"]  # as if stopped after the first
+    path.write_text(json.dumps(saved))
     measured: list[int] = []
     once = accuracy_fits.AccuracyFits.procedural
     monkeypatch.setattr(accuracy_fits.AccuracyFits, "procedural", lambda self: (measured.append(1), once(self))[1])

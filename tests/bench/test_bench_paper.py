@@ -223,7 +223,7 @@ def test_pictures_from_the_prior_are_as_many_as_asked_for():
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "message"),
     [
         (["--tables", "[1c]"], "--tables: unknown 1c; known are 1a, 1b, 2a, backbone, curves, robustness, paper_1a"),
         (["--categories", "[cup]"], "--categories: unknown cup; known are"),
@@ -232,16 +232,16 @@ def test_pictures_from_the_prior_are_as_many_as_asked_for():
         (["--recipes", "nowhere"], "no recipe at nowhere/vae3d.yaml; run this in kfit's checkout, or pass --recipes"),
     ],
 )
-def test_mistakes_get_a_sentence(words, said, capsys, tmp_path):
+def test_mistakes_get_a_sentence(words, message, capsys, tmp_path):
     with pytest.raises(SystemExit, match="2"):
         main(["bench", "paper", "--tables", "[1b]", "--runs", str(tmp_path), *words])
-    assert said in capsys.readouterr().err
+    assert message in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
 
 
 def test_the_command_on_the_page_says_only_what_differs():
-    said = bench_paper.parser().parse_args(["--categories", "[laptop]", "--views", "20", "--out", "elsewhere"])
-    assert bench_paper._command(said) == "kfit bench paper --categories '[laptop]' --views 20"
+    args = bench_paper.parser().parse_args(["--categories", "[laptop]", "--views", "20", "--out", "elsewhere"])
+    assert bench_paper._command(args) == "kfit bench paper --categories '[laptop]' --views 20"
 
 
 def test_levels_start_with_nothing():

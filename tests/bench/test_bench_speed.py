@@ -49,20 +49,20 @@ def test_each_fit_is_kept_and_none_is_measured_twice(
     words = ["bench", "speed", "--model", str(tiny), "--recipe", str(recipe), "--out", str(out)]
     words += ["--views", "2", "--timed", "1", "--repeats", "2"]
     main(words)
-    said = capsys.readouterr().out
-    told = json.loads((out / "speed.json").read_text())
-    fits = told["found"]["fits"]
+    printed = capsys.readouterr().out
+    saved = json.loads((out / "speed.json").read_text())
+    fits = saved["found"]["fits"]
     assert list(fits) == ["released", "kfit, released energy", "kfit", "kfit, bundled model"]
     assert {name: [len(fits[name][number]) for number in "01"] for name in fits} == {name: [2, 1] for name in fits}
     # Three starts at each of two steps and the last look; 16 candidates, 4 rows at steps 0 to 3, 2 at 4 to 16.
     assert [fits[name]["0"][0]["pictures"] for name in fits] == [9, 58, 58, 58]
     assert "energy: released" in fits["kfit"]["0"][0]
     assert "energy: released" not in fits["kfit, bundled model"]["0"][0]
-    assert "What a view costs" in said
+    assert "What a view costs" in printed
     assert "kfit bench speed --model" in (out / "README.md").read_text()
 
     del fits["kfit"]["1"]  # as if stopped before the last
-    (out / "speed.json").write_text(json.dumps(told))
+    (out / "speed.json").write_text(json.dumps(saved))
     again: list[str] = []
     fit = bench_speed.fit
     monkeypatch.setattr(bench_speed, "fit", lambda way, *given: (again.append(way.name), fit(way, *given))[1])
@@ -101,7 +101,7 @@ def test_the_machines_rate_is_a_number() -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "message"),
     [
         (["--views", "0"], "--views must be at least 1"),
         (["--views", "2", "--timed", "3"], "--timed must be at most --views"),
@@ -110,8 +110,8 @@ def test_the_machines_rate_is_a_number() -> None:
     ],
 )
 def test_a_users_mistake_gets_one_sentence(
-    tiny: Path, words: list[str], told: str, capsys: pytest.CaptureFixture[str]
+    tiny: Path, words: list[str], message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit):
         main(["bench", "speed", "--model", str(tiny), *words])
-    assert told in capsys.readouterr().err
+    assert message in capsys.readouterr().err

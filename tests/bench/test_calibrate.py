@@ -23,10 +23,10 @@ def test_calibrate_writes_the_card_and_a_table_that_check_repeats(
     model: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     main(["calibrate", "--model", str(model), "--views", "7"])
-    said = capsys.readouterr().out
-    assert "by cross-validation" in said
-    assert "calibration error" in said
-    assert "covariances are multiplied by" in said
+    printed = capsys.readouterr().out
+    assert "by cross-validation" in printed
+    assert "calibration error" in printed
+    assert "covariances are multiplied by" in printed
     assert [path.name for path in model.parent.iterdir()] == ["tiny.safetensors"]
     written = model.read_bytes()
     one = load(model).card.calibration["RGB"]
@@ -34,9 +34,9 @@ def test_calibrate_writes_the_card_and_a_table_that_check_repeats(
     assert (one.fits["starts"], one.fits["steps"], one.fits["left"]) == (3, 2, 3)
     assert not any(isinstance(weight, Schedule) for weight in one.fits["weights"].values())
     main(["calibrate", "--model", str(model), "--views", "2", "--seed", "0", "--check"])
-    said = capsys.readouterr().out
-    assert "views have an energy above the card's" in said
-    assert "right answers have the truth in the 95 % ellipsoid of their covariance" in said
+    printed = capsys.readouterr().out
+    assert "views have an energy above the card's" in printed
+    assert "right answers have the truth in the 95 % ellipsoid of their covariance" in printed
     assert model.read_bytes() == written
 
 

@@ -13,7 +13,7 @@ OPEN = {"name": "d", "version": "1.0", "vulns": [{"id": "CVE-2", "fix_versions":
 
 
 @pytest.mark.parametrize(
-    ("answers", "status", "said"),
+    ("answers", "status", "message"),
     [
         ({"pypi": [WHOLE, UNKNOWN]}, 0, ["pypi knows 1 of 2 pinned packages"]),
         ({"pypi": [WHOLE, MENDED]}, 1, ["c 1.0: CVE-1, mended in 1.1", "pypi knows 2 of 2 pinned packages"]),
@@ -30,7 +30,7 @@ OPEN = {"name": "d", "version": "1.0", "vulns": [{"id": "CVE-2", "fix_versions":
         ]),
     ],
 )  # fmt: skip
-def test_a_fixed_vulnerability_fails_and_silence_is_reported(answers, status, said, monkeypatch, capsys):
+def test_a_fixed_vulnerability_fails_and_silence_is_reported(answers, status, message, monkeypatch, capsys):
     monkeypatch.setitem(SCRIPT["main"].__globals__, "asked", lambda database, ignored: answers.get(database))
     assert SCRIPT["main"]() == status
-    assert capsys.readouterr().out.splitlines() == said
+    assert capsys.readouterr().out.splitlines() == message

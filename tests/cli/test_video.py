@@ -44,8 +44,8 @@ def videos(truth: Clip, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def answers(folder: Path) -> tuple[dict, list[dict]]:
     assert sorted(path.name for path in folder.iterdir()) == ["overlay.webm", "poses.json"]
-    said = json.loads((folder / "poses.json").read_text())
-    return said, said["frames"]
+    saved = json.loads((folder / "poses.json").read_text())
+    return saved, saved["frames"]
 
 
 def num_pictures(path: Path) -> int:
@@ -62,12 +62,12 @@ def test_a_clip_is_followed(videos: Path, truth: Clip, tmp_path: Path, capsys: p
     assert printed.out.startswith("laptop found in 4 of 4 frames; confidence ")
     assert len(printed.out.splitlines()) == 1
     assert printed.err == ""
-    said, frames = answers(tmp_path)
+    saved, frames = answers(tmp_path)
     confidences = [frame["confidence"] for frame in frames]
-    assert said["summary"]["frames"] == said["summary"]["found"] == 4
-    assert said["summary"]["high_confidence"] == sum(confidence >= 0.8 for confidence in confidences)
-    assert said["summary"]["median_confidence"] == sorted(confidences)[2]
-    assert (said["category"], said["intrinsics_from"], said["intrinsics"][0][0]) == ("laptop", "given", 384)
+    assert saved["summary"]["frames"] == saved["summary"]["found"] == 4
+    assert saved["summary"]["high_confidence"] == sum(confidence >= 0.8 for confidence in confidences)
+    assert saved["summary"]["median_confidence"] == sorted(confidences)[2]
+    assert (saved["category"], saved["intrinsics_from"], saved["intrinsics"][0][0]) == ("laptop", "given", 384)
     assert [frame["frame"] for frame in frames] == [0, 1, 2, 3]
     assert [frame["time"] for frame in frames] == pytest.approx([0, 0.05, 0.1, 0.15])
     assert [frame["anew"] for frame in frames] == [True, False, False, False]
@@ -86,8 +86,8 @@ def test_a_folder_is_tracked_by_its_masks_and_an_empty_frame_has_no_pose(
     printed = capsys.readouterr()
     assert printed.out.startswith("laptop found in 3 of 4 frames; confidence ")
     assert "estimated" in printed.err
-    said, frames = answers(tmp_path)
-    assert "estimated" in " ".join(said["notes"])
+    saved, frames = answers(tmp_path)
+    assert "estimated" in " ".join(saved["notes"])
     assert [frame["time"] for frame in frames] == [None] * 4
     assert [frame["found"] for frame in frames] == [True, True, False, True]
     lost = {"found": False, "anew": False, "rotation": None, "translation": None, "size": None, "energy": None}
@@ -98,9 +98,9 @@ def test_a_folder_is_tracked_by_its_masks_and_an_empty_frame_has_no_pose(
 def refused(words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
     with pytest.raises(SystemExit) as stopped:
         main(["video", *words])
-    said = capsys.readouterr()
-    assert (stopped.value.code, said.out, said.err.count("\n")) == (2, "", 1)
-    return said.err
+    printed = capsys.readouterr()
+    assert (stopped.value.code, printed.out, printed.err.count("\n")) == (2, "", 1)
+    return printed.err
 
 
 def test_a_users_mistake_gets_one_sentence_and_writes_nothing(
@@ -124,7 +124,7 @@ def test_a_users_mistake_gets_one_sentence_and_writes_nothing(
 def test_a_broken_clip_is_reported_in_one_line(tmp_path: Path) -> None:
     (tmp_path / "no.mp4").write_text("no clip")
     words = [sys.executable, "-m", "kfit", "video", str(tmp_path / "no.mp4"), "--category", "mug"]
-    told = subprocess.run(words, capture_output=True, text=True, cwd=tmp_path)
-    assert told.returncode == 2
-    assert told.stderr == f"kfit: {tmp_path}/no.mp4 is not a clip that can be read, is damaged, or holds no frame\n"
+    ran = subprocess.run(words, capture_output=True, text=True, cwd=tmp_path)
+    assert ran.returncode == 2
+    assert ran.stderr == f"kfit: {tmp_path}/no.mp4 is not a clip that can be read, is damaged, or holds no frame\n"
     assert not (tmp_path / "kfit_out").exists()

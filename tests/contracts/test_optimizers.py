@@ -327,8 +327,8 @@ class TestStages:
             stages.init(starts(), seeds())
 
     @pytest.mark.parametrize(
-        ("stages", "said"), [([], "at least one item"), ([(Adam(), 0)], "steps of Adam must be at least 1")]
+        ("stages", "message"), [([], "at least one item"), ([(Adam(), 0)], "steps of Adam must be at least 1")]
     )
-    def test_refuse_to_be_empty(self, stages, said):
-        with pytest.raises(ValueError, match=said):
+    def test_refuse_to_be_empty(self, stages, message):
+        with pytest.raises(ValueError, match=message):
             Stages(stages)

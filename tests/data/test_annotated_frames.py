@@ -64,10 +64,10 @@ def test_an_answer_is_written_in_the_model_s_own_frame_of_bop(tmp_path):
     box = tuple(int(side) for side in frame.objects[0].box)
     frames.write(tmp_path / "out.csv", frame, [NOCSPrediction("mug", rotation, translation, size, 0.7, box)])
     (one,) = read_bop_results(tmp_path / "out.csv")
-    told = frames.truths[1, 3][0]
+    truth = frames.truths[1, 3][0]
     assert (one.scene_id, one.im_id, one.obj_id, one.score) == (1, 3, 14, 0.7)
-    np.testing.assert_allclose(one.rotation.ravel(), told["cam_R_m2c"], atol=1e-6)
-    np.testing.assert_allclose(1000 * one.translation, told["cam_t_m2c"], atol=1e-4)
+    np.testing.assert_allclose(one.rotation.ravel(), truth["cam_R_m2c"], atol=1e-6)
+    np.testing.assert_allclose(1000 * one.translation, truth["cam_t_m2c"], atol=1e-4)
 
 
 def test_results_of_bop_read_back(tmp_path):

@@ -115,9 +115,9 @@ def test_no_pipe_is_waited_for_as_buffer_or_views(tmp_path: Path) -> None:
         refused: list[str] = []
 
         def attempt(read: Callable[[Path], Any] = read, name: str = name, refused: list[str] = refused) -> None:
-            with pytest.raises((ValueError, OSError)) as said:
+            with pytest.raises((ValueError, OSError)) as error:
                 read(tmp_path / name)
-            refused.append(str(said.value))
+            refused.append(str(error.value))
 
         ends(attempt)
         assert name in refused[0]

@@ -104,10 +104,10 @@ def test_without_a_file_torchvisions_is_fetched_and_reported(monkeypatch, tmp_pa
     monkeypatch.setattr(torch.hub, "load_state_dict_from_url", load)
     VGG19(("relu1_1",))
     assert asked == [("https://download.pytorch.org/models/vgg19-dcbb9e9d.pth", True, True)]
-    said = caplog.text
-    assert "548 MB" in said
-    assert asked[0][0] in said
-    assert str(tmp_path) in said
+    logged = caplog.text
+    assert "548 MB" in logged
+    assert asked[0][0] in logged
+    assert str(tmp_path) in logged
 
 
 def test_without_a_network_it_tells_how_to_pass_a_file(monkeypatch, tmp_path):

@@ -97,8 +97,8 @@ class TestBrokenRows:
         assert broken.all_problem.tolist() == [1, 1, 1]
 
     def test_of_every_problem_raise_an_error_in_a_sentence(self):
-        said = r"^every start of every problem became NaN or infinite by step 0 of the fit$"
-        with pytest.raises(FitError, match=said):
+        message = r"^every start of every problem became NaN or infinite by step 0 of the fit$"
+        with pytest.raises(FitError, match=message):
             self.fit([0.9] * 6)(spots(rows=(0, 1)), seed=0)
 
     def test_leave_counts_and_pruning_in_order(self):

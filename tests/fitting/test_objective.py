@@ -46,8 +46,8 @@ def test_only_gradients_build_a_graph(need, graph):
 
 def test_a_term_that_only_ranks_is_compared_and_not_differentiated():
     watched = Watched()
-    told = objective({"l2": L2(), "ranks": watched}, {"l2": 1.0, "ranks": 0.0}, {"ranks": 2.0})
-    seen = told(RAW, PROBLEM, "gradient")
+    evaluate = objective({"l2": L2(), "ranks": watched}, {"l2": 1.0, "ranks": 0.0}, {"ranks": 2.0})
+    seen = evaluate(RAW, PROBLEM, "gradient")
     assert watched.graphs == [False]
     torch.testing.assert_close(seen.ranking, 2 * seen.terms["ranks"])
     torch.testing.assert_close(seen.energy, seen.terms["l2"])
@@ -64,8 +64,8 @@ def test_the_slope_is_zero_where_no_term_has_a_weight():
 
 def test_residuals_square_to_the_energy_with_its_weights_and_priors():
     terms = {"l2": L2(), "prior": CodePrior("shift"), "ranks": L1()}
-    told = objective(terms, {"l2": 3.0, "prior": 0.5, "ranks": 0.0}, {"ranks": 1.0})
-    seen, plain = (told(RAW, PROBLEM, need) for need in ("residuals", "value"))
+    evaluate = objective(terms, {"l2": 3.0, "prior": 0.5, "ranks": 0.0}, {"ranks": 1.0})
+    seen, plain = (evaluate(RAW, PROBLEM, need) for need in ("residuals", "value"))
     assert seen.residuals.shape == (3, 3 * 64 + 2 + 1)  # a column for what is missing of the least overlap
     torch.testing.assert_close(seen.residuals.square().sum(1), plain.energy)
     torch.testing.assert_close(seen.energy, plain.energy)
@@ -99,10 +99,10 @@ def test_there_are_no_residuals_where_no_term_has_a_weight():
 
 
 def test_the_rendering_is_what_was_drawn():
-    told = objective({"l2": L2()}, {"l2": 1.0})
-    seen = told(RAW, PROBLEM)
-    torch.testing.assert_close(seen.rendering.image, told.prepared.generator(**seen.values).image)
-    assert told.prepared.num_evaluations == 3
+    evaluate = objective({"l2": L2()}, {"l2": 1.0})
+    seen = evaluate(RAW, PROBLEM)
+    torch.testing.assert_close(seen.rendering.image, evaluate.prepared.generator(**seen.values).image)
+    assert evaluate.prepared.num_evaluations == 3
 
 
 @pytest.mark.parametrize("need", ["value", "residuals", "gradient"])
@@ -145,8 +145,8 @@ class Mixed(Energy):
 
 def test_under_autocast_only_energies_that_say_so_compare_in_it():
     plain, mixed = Mixed(False), Mixed(True)
-    told = objective({"plain": plain, "mixed": mixed}, {"plain": 1.0, "mixed": 1.0})
+    evaluate = objective({"plain": plain, "mixed": mixed}, {"plain": 1.0, "mixed": 1.0})
     with torch.autocast("cpu", torch.bfloat16):
-        told(RAW, PROBLEM, "gradient")
+        evaluate(RAW, PROBLEM, "gradient")
     assert plain.seen == [(False, torch.float32)]
     assert mixed.seen == [(True, torch.float32)]

@@ -188,21 +188,21 @@ class TestTheWork:
     def test_callbacks_are_called_at_the_start_at_each_step_and_at_the_end(self):
         class Log(Callback):
             def __init__(self):
-                self.said = []
+                self.calls = []
 
             def on_start(self, state):
-                self.said.append(("start", state.step, len(state.problem), set(state.raw)))
+                self.calls.append(("start", state.step, len(state.problem), set(state.raw)))
 
             def on_step(self, state):
-                self.said.append(state.step)
+                self.calls.append(state.step)
                 return state
 
             def on_end(self, result):
-                self.said.append(result)
+                self.calls.append(result)
 
         log = Log()
         result = pipeline(num_steps=2, callbacks=[log])(spots(), seed=0)
-        assert log.said == [("start", 0, 12, set(TRUTH)), 0, 1, 2, result]
+        assert log.calls == [("start", 0, 12, set(TRUTH)), 0, 1, 2, result]
 
 
 def test_a_weight_map_hides_what_is_in_front_of_the_object():

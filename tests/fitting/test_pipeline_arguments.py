@@ -74,7 +74,7 @@ class TestWeights:
 
 class TestMistakes:
     @pytest.mark.parametrize(
-        ("changes", "said"),
+        ("changes", "message"),
         [
             ({"weights": {"picture": 1.0}}, r"weights: unknown picture; the names are image$"),
             ({"rank_weights": {"mask": 1.0}}, r"rank_weights: unknown mask; the names are image$"),
@@ -97,8 +97,8 @@ class TestMistakes:
             ({"num_steps": -1}, r"num_steps must be at least 0"),
         ],
     )
-    def test_are_reported_when_the_pipeline_is_built(self, changes, said):
-        with pytest.raises(ValueError, match=said):
+    def test_are_reported_when_the_pipeline_is_built(self, changes, message):
+        with pytest.raises(ValueError, match=message):
             pipeline(**changes)
 
     def test_a_field_that_was_not_seen_is_an_error_that_lists_those_that_were(self):

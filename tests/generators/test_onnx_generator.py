@@ -18,7 +18,7 @@ TOLD = {
 }
 
 
-def write(path, told=TOLD, outputs=("image", "mask")):
+def write(path, description=TOLD, outputs=("image", "mask")):
     """mask = exp(−‖pixel − place‖² / size), image = 1 − mask · (0, 0.5, 1)."""
     grid = np.stack(np.meshgrid(*[np.linspace(-1, 1, SIDE)] * 2), 0)[None].astype(np.float32)
     constants = {
@@ -51,8 +51,8 @@ def write(path, told=TOLD, outputs=("image", "mask")):
         [numpy_helper.from_array(array, name) for name, array in constants.items()],
     )
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 20)], ir_version=10)
-    if told is not None:
-        helper.set_model_props(model, {"kfit_variables": json.dumps(told)})
+    if description is not None:
+        helper.set_model_props(model, {"kfit_variables": json.dumps(description)})
     onnx.save(model, path)
     return path
 
@@ -122,8 +122,8 @@ def test_another_file_gets_one_sentence(tmp_path):
     strange = {"place": TOLD["place"] | {"space": "Sphere"}, "size": TOLD["size"]}
     for path in (
         tmp_path / "text.onnx",
-        write(tmp_path / "plain.onnx", told=None),
-        write(tmp_path / "strange.onnx", told=strange),
+        write(tmp_path / "plain.onnx", description=None),
+        write(tmp_path / "strange.onnx", description=strange),
     ):
         with pytest.raises(ValueError, match=f"{path.name} is no generator that `kfit export` wrote") as raised:
             OnnxGenerator(path)
@@ -133,10 +133,10 @@ def test_another_file_gets_one_sentence(tmp_path):
 
 
 def test_angles_and_bounds_are_in_the_file_too(tmp_path):
-    told = {
+    description = {
         "place": {"shape": [2], "space": "Bounded", "settings": {"low": -1.0, "high": 2.0}},
         "size": TOLD["size"] | {"space": "Angle"},
     }
-    variables = OnnxGenerator(write(tmp_path / "told.onnx", told)).variables
+    variables = OnnxGenerator(write(tmp_path / "described.onnx", description)).variables
     assert variables["size"].space == Angle()
     assert variables["place"].space.to_value(torch.tensor(0.0)) == 0.5

@@ -71,7 +71,7 @@ def test_a_category_is_plain_data_and_reads_back():
 
 
 @pytest.mark.parametrize(
-    ("values", "told"),
+    ("values", "message"),
     [
         ({"name": "te apot", "mean_diagonal": 1.0}, "name must be a word"),
         ({"name": "a", "mean_diagonal": 0.0}, "mean_diagonal must lie between"),
@@ -81,8 +81,8 @@ def test_a_category_is_plain_data_and_reads_back():
         ({"name": "a", "mean_diagonal": 1.0, "size": 3}, "unknown size; the names are axes"),
     ],
 )
-def test_a_category_that_cannot_be_gets_a_sentence(values, told):
-    with pytest.raises(ValueError, match=told):
+def test_a_category_that_cannot_be_gets_a_sentence(values, message):
+    with pytest.raises(ValueError, match=message):
         Category.of_dict(values)
 
 

@@ -24,8 +24,8 @@ def test_translation_errors_are_in_centimetres() -> None:
 
 
 def test_the_summary_counts_shares_and_takes_the_middle() -> None:
-    told = summary(torch.tensor([1.0, 4.0, 8.0, 20.0, 50.0, 170.0]))
-    assert told == {
+    found = summary(torch.tensor([1.0, 4.0, 8.0, 20.0, 50.0, 170.0]))
+    assert found == {
         "median": pytest.approx(14),
         "under_5": pytest.approx(2 / 6),
         "under_10": pytest.approx(3 / 6),
@@ -35,9 +35,9 @@ def test_the_summary_counts_shares_and_takes_the_middle() -> None:
 
 
 def test_a_failed_fit_counts_as_half_a_turn() -> None:
-    told = summary(torch.tensor([float("nan"), 2.0, float("nan")]))
-    assert told["median"] == 180
-    assert told["under_5"] == pytest.approx(1 / 3)
+    found = summary(torch.tensor([float("nan"), 2.0, float("nan")]))
+    assert found["median"] == 180
+    assert found["under_5"] == pytest.approx(1 / 3)
 
 
 def test_no_errors_at_all_are_refused() -> None:

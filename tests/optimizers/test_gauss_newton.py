@@ -58,11 +58,11 @@ def test_no_number_moves_farther_than_its_reach():
 
 
 @pytest.mark.parametrize(
-    ("settings", "told"),
+    ("settings", "message"),
     [({"lengths": {"roll": 0.0}}, "lengths of roll"), ({"damping": -1.0}, "damping"), ({"reach": 0.5}, "reach")],
 )
-def test_a_wrong_setting_is_named(settings, told):
-    with pytest.raises(ValueError, match=told):
+def test_a_wrong_setting_is_named(settings, message):
+    with pytest.raises(ValueError, match=message):
         GaussNewton(**{"lengths": LENGTHS} | settings)
 
 

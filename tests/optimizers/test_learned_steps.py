@@ -36,11 +36,11 @@ class Always(RefinerNetwork):
     def __init__(self, rotation=(0.0, 0.0, 0.0), shift=(0.0, 0.0), log_scale=0.0):
         super().__init__()
         step = torch.tensor([*rotation, *shift, log_scale])
-        self.register_buffer("told", step)
+        self.register_buffer("step", step)
 
     def forward(self, observed, drawn):
         SEEN.append((observed, drawn))
-        step = self.told.expand(len(observed), 6)
+        step = self.step.expand(len(observed), 6)
         return PoseUpdate(step[:, :3], step[:, 3:5], step[:, 5], 0 * step[:, :4], 0 * step[:, 0])
 
 
@@ -105,7 +105,7 @@ def test_a_pipeline_moves_its_network():
     optimizer = Stages([(LearnedSteps(Always()), 1), (Adam(), 1)])
     pipeline = FitPipeline(SimilarityWarp(Told()), {"look": L2()}, [Constant(START)], optimizer)
     pipeline.to(torch.float64)
-    assert pipeline.optimizer.stages[0][0].refiner.told.dtype == torch.float64
+    assert pipeline.optimizer.stages[0][0].refiner.step.dtype == torch.float64
 
 
 class Flat(Generator):

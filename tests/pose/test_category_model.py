@@ -89,25 +89,25 @@ def test_depth_that_does_not_fit_is_an_error(tiny_model: CategoryModel) -> None:
 def test_the_result_is_json_with_the_promised_fields(tiny_model: CategoryModel) -> None:
     image, mask = np.ones((50, 60, 3), np.float32), np.zeros((50, 60), bool)
     mask[10:30, 20:50] = True
-    said = json.loads(json.dumps(tiny_model.pose(image, mask=mask, pipeline=tiny_model.pipeline(4, 2)).to_dict()))
-    assert set(said) >= {
+    saved = json.loads(json.dumps(tiny_model.pose(image, mask=mask, pipeline=tiny_model.pipeline(4, 2)).to_dict()))
+    assert set(saved) >= {
         "category", "rotation", "quaternion_wxyz", "translation", "size", "size_from", "bbox_xywh", "energy",
         "confidence", "alternatives", "intrinsics", "intrinsics_assumed", "focal_length_px", "focal_log_sd",
     }  # fmt: skip
-    assert said["bbox_xywh"] == [20, 10, 30, 20]
-    assert said["intrinsics_assumed"] is True
-    assert said["intrinsics"][0][2] == 29.5
-    assert said["focal_length_px"] == pytest.approx(
+    assert saved["bbox_xywh"] == [20, 10, 30, 20]
+    assert saved["intrinsics_assumed"] is True
+    assert saved["intrinsics"][0][2] == 29.5
+    assert saved["focal_length_px"] == pytest.approx(
         1.2 * 60
     )  # this generator draws from one distance, so nothing tells
-    assert 0.2 < said["focal_log_sd"] < 0.5
-    assert "focal length estimated" in " ".join(said["notes"])
-    assert np.allclose(np.linalg.det(said["rotation"]), 1)
-    assert math.isclose(np.linalg.norm(said["quaternion_wxyz"]), 1, rel_tol=1e-6)
-    assert math.isclose(sum(a["weight"] for a in said["alternatives"]), 1, rel_tol=1e-6)
-    assert said["confidence"] == said["alternatives"][0]["weight"]
-    assert np.allclose(said["alternatives"][0]["rotation"], said["rotation"], atol=1e-6)
-    assert np.isclose(np.linalg.norm(said["size"]), 0.17)
+    assert 0.2 < saved["focal_log_sd"] < 0.5
+    assert "focal length estimated" in " ".join(saved["notes"])
+    assert np.allclose(np.linalg.det(saved["rotation"]), 1)
+    assert math.isclose(np.linalg.norm(saved["quaternion_wxyz"]), 1, rel_tol=1e-6)
+    assert math.isclose(sum(a["weight"] for a in saved["alternatives"]), 1, rel_tol=1e-6)
+    assert saved["confidence"] == saved["alternatives"][0]["weight"]
+    assert np.allclose(saved["alternatives"][0]["rotation"], saved["rotation"], atol=1e-6)
+    assert np.isclose(np.linalg.norm(saved["size"]), 0.17)
 
 
 @pytest.mark.slow

@@ -36,10 +36,10 @@ def test_a_depth_in_another_unit_is_refused_and_the_unit_named(times: float, uni
 
 @pytest.mark.parametrize(("times", "unit"), [(4, "0.25 mm"), (5, "1/5000 m"), (3.28, "feet"), (0.256, "1/256 m")])
 def test_a_found_size_out_of_range_names_the_unit(times: float, unit: str) -> None:
-    told = wrong_size(MUG, 0.17 * times)
-    assert told is not None
-    assert unit in told
-    assert "50 % at most" in told
+    warning = wrong_size(MUG, 0.17 * times)
+    assert warning is not None
+    assert unit in warning
+    assert "50 % at most" in warning
 
 
 @pytest.mark.parametrize("category", CATEGORIES.values(), ids=lambda category: category.name)

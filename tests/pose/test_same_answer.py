@@ -23,12 +23,12 @@ print(answer.rotation.tobytes().hex(), answer.translation.tobytes().hex(), answe
 
 @pytest.mark.slow
 def test_two_processes_answer_the_same_to_the_last_bit_whatever_they_drew_before() -> None:
-    said = [
+    answers = [
         subprocess.run([sys.executable, "-c", FIT, number], capture_output=True, text=True, check=True).stdout
         for number in ("1", "99")
     ]
-    assert said[0] == said[1]
-    assert len(said[0]) > 100
+    assert answers[0] == answers[1]
+    assert len(answers[0]) > 100
 
 
 @pytest.mark.slow

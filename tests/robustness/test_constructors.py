@@ -70,9 +70,9 @@ def verdict(part, name, value):
             warnings.simplefilter("ignore")
             made = call(**{**base, name: value})
     except (ValueError, TypeError) as error:
-        said = str(error)
-        if name not in said or "\n" in said:
-            return f"unnamed: {type(error).__name__}: {said}"
+        message = str(error)
+        if name not in message or "\n" in message:
+            return f"unnamed: {type(error).__name__}: {message}"
         return "refused"
     except ENDS:
         made = None
@@ -114,7 +114,7 @@ def test_a_wrong_argument_is_refused_by_its_name(part, name):
     if part in FETCHED and name == "weights":
         pytest.skip("what a file of weights is, is not asked without one")
     asked = [value for value in WRONG if not too_large(name, value)]
-    bad = {repr(value): said for value in asked if (said := verdict(part, name, value)) not in ("works", "refused")}
+    bad = {repr(value): found for value in asked if (found := verdict(part, name, value)) not in ("works", "refused")}
     assert not bad
 
     @FEW

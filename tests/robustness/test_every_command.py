@@ -240,8 +240,8 @@ def test_what_is_no_file_of_its_kind_is_refused_before_a_fit(
         value = f"[{word}]" if option in ("--categories", "--recipes") else word
         given = [f"{option}={value}"] if option.startswith("--") else [value]
         words = [*command, *given, *(part.format(files) for part in rest)]
-        said = refused(words, capsys)
-        assert Path(word).stem in said or option in said or f" {option.lstrip('-')} " in said, (words, said)
+        message = refused(words, capsys)
+        assert Path(word).stem in message or option in message or f" {option.lstrip('-')} " in message, (words, message)
 
 
 # Values of the right type that are out of range, and what is told of them beside their option.
@@ -279,8 +279,8 @@ def test_numbers_out_of_range_are_refused_before_any_work(
             del rest[rest.index(option) : rest.index(option) + 2]
         if name == "pose" and option != "--model":
             rest += ["--category", "mug"]
-        said = refused([*name.split(), *rest, *words.split(maxsplit=1 if "--poses" in words else 0)], capsys)
-        assert option in said or option.lstrip("-") in said or "nope" in said
+        message = refused([*name.split(), *rest, *words.split(maxsplit=1 if "--poses" in words else 0)], capsys)
+        assert option in message or option.lstrip("-") in message or "nope" in message
 
 
 TREES = {

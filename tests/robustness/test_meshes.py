@@ -100,10 +100,10 @@ def check_drawn(path: Path) -> None:
 
 
 def check_refused(path: Path) -> None:
-    with pytest.raises(ValueError, match="path must hold") as said:
+    with pytest.raises(ValueError, match="path must hold") as error:
         load_mesh(path)
-    assert str(path) in str(said.value)
-    assert "\n" not in str(said.value)
+    assert str(path) in str(error.value)
+    assert "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize("text", DRAWN.values(), ids=DRAWN)

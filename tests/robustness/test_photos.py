@@ -44,7 +44,7 @@ def check_read(photo: Photo) -> None:
     assert 0 <= photo.image.min() <= photo.image.max() <= 1
 
 
-def told(read: Callable[[], object]) -> str:
+def outcome(read: Callable[[], object]) -> str:
     """What a reader says against a file, in one line; nothing if it reads it."""
     try:
         read()
@@ -55,13 +55,13 @@ def told(read: Callable[[], object]) -> str:
 
 def check_read_or_refused(path: Path) -> bool:
     """By all readers of pictures; whether the photo was refused."""
-    said = [
-        told(lambda: np.isfinite(mask_from_file(path, (48, 64))).all() or pytest.fail("not finite")),
-        told(lambda: depth_from_file(path, (48, 64))),
-        told(lambda: check_read(read_photo(path))),
+    found = [
+        outcome(lambda: np.isfinite(mask_from_file(path, (48, 64))).all() or pytest.fail("not finite")),
+        outcome(lambda: depth_from_file(path, (48, 64))),
+        outcome(lambda: check_read(read_photo(path))),
     ]
-    assert all(str(path) in sentence and "\n" not in sentence for sentence in said if sentence)
-    return bool(said[-1])
+    assert all(str(path) in sentence and "\n" not in sentence for sentence in found if sentence)
+    return bool(found[-1])
 
 
 @pytest.mark.slow
@@ -230,15 +230,15 @@ def test_names_of_any_letters_are_reported_on_one_line(
     ):
         with pytest.raises(SystemExit) as end:
             main(["pose", "--category", "mug", "--", name])
-        said = capsys.readouterr()
+        printed = capsys.readouterr()
         assert end.value.code == 2
-        assert (said.out, said.err.count("\n")) == ("", 1)
-        assert said.err[:-1].isprintable()
+        assert (printed.out, printed.err.count("\n")) == ("", 1)
+        assert printed.err[:-1].isprintable()
     assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(
-    ("files", "told"),
+    ("files", "outcome"),
     [
         ({}, "holds no pictures"),
         ({"1.png": NOISE, "2.png": NOISE.resize((30, 30))}, "2.png has 30 x 30 pixels, the first 64 x 48"),
@@ -246,10 +246,10 @@ def test_names_of_any_letters_are_reported_on_one_line(
         ({"1.png": NOISE, "2.png": encoded("png")[:999]}, "2.png is damaged or cut short"),
     ],
 )
-def test_a_folder_of_odd_frames_ends_in_a_sentence(files: dict[str, Any], told: str, tmp_path: Path) -> None:
+def test_a_folder_of_odd_frames_ends_in_a_sentence(files: dict[str, Any], outcome: str, tmp_path: Path) -> None:
     for name, content in files.items():
         (tmp_path / name).write_bytes(content) if isinstance(content, bytes) else content.save(tmp_path / name)
-    with pytest.raises((ValueError, FileNotFoundError), match=told):
+    with pytest.raises((ValueError, FileNotFoundError), match=outcome):
         list(Frames.of(tmp_path))
 
 

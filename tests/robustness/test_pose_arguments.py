@@ -78,16 +78,16 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
 def test_wrong_arguments_are_refused_before_a_fit(
     wrong: str, mug: CategoryModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    given, told = WRONG[wrong]
+    given, message = WRONG[wrong]
 
     def fit(*_: Any, **__: Any) -> None:
         raise AssertionError("the fit was begun")
 
     monkeypatch.setattr(FitPipeline, "forward", fit)
-    with pytest.raises((ValueError, TypeError, FileNotFoundError)) as said:
+    with pytest.raises((ValueError, TypeError, FileNotFoundError)) as error:
         mug.pose(**{"image": PIXELS, "mask": GOOD, **given})
-    assert told in str(said.value)
-    assert "\n" not in str(said.value)
+    assert message in str(error.value)
+    assert "\n" not in str(error.value)
 
 
 def test_tensors_and_lists_do_as_well_as_arrays() -> None:

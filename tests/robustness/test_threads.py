@@ -44,8 +44,8 @@ class TestThreads:
         fit = mug.pipeline(2, 1, [Pruning({0: 1})])
 
         def pose(number: int) -> PoseResult:
-            told = {"mask": photos[number].mask} if number > 1 else {"box": (4.0, 4.0, 88.0, 88.0)}
-            return mug.pose(photos[number].image, **told, seed=number, pipeline=fit)
+            selection = {"mask": photos[number].mask} if number > 1 else {"box": (4.0, 4.0, 88.0, 88.0)}
+            return mug.pose(photos[number].image, **selection, seed=number, pipeline=fit)
 
         alone = [pose(number) for number in range(THREADS)]
         for one, other in zip(at_once(pose), alone, strict=True):
@@ -143,9 +143,9 @@ class TestAnInterrupt:
         assert 0 <= hidden < back
 
 
-def _pose_elsewhere(model: CategoryModel, photo: Any, told: Any) -> None:
+def _pose_elsewhere(model: CategoryModel, photo: Any, answers: Any) -> None:
     result = model.pose(photo.image, mask=photo.mask, seed=3)
-    told.put((result.rotation, result.energy))
+    answers.put((result.rotation, result.energy))
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="processes cannot be forked here")
@@ -179,13 +179,13 @@ def test_a_forked_process_does_not_wait_for_threads_of_its_parent():
 def test_a_worker_process_gives_the_same_answer_and_does_not_hang(kind, mug, photos):
     here = mug.pose(photos[3].image, mask=photos[3].mask, seed=3)
     context = multiprocessing.get_context(kind)
-    told = context.Queue()
-    worker = context.Process(target=_pose_elsewhere, args=(mug, photos[3], told), daemon=True)
+    answers = context.Queue()
+    worker = context.Process(target=_pose_elsewhere, args=(mug, photos[3], answers), daemon=True)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # that threads are not forked along
         worker.start()
     try:
-        rotation, energy = told.get(timeout=120)
+        rotation, energy = answers.get(timeout=120)
     finally:
         worker.kill()
         worker.join()

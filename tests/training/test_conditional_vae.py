@@ -90,12 +90,16 @@ def trainer(tmp_path, **settings):
 @pytest.fixture
 def logged(monkeypatch):
     """Collects what a step without a trainer writes down."""
-    said = {}
-    monkeypatch.setattr(ConditionalVAE, "log", lambda self, name, value, **_: said.update({name: float(value)}))
+    logged_values = {}
     monkeypatch.setattr(
-        ConditionalVAE, "log_dict", lambda self, values, **_: said.update({k: float(v) for k, v in values.items()})
+        ConditionalVAE, "log", lambda self, name, value, **_: logged_values.update({name: float(value)})
     )
-    return said
+    monkeypatch.setattr(
+        ConditionalVAE,
+        "log_dict",
+        lambda self, values, **_: logged_values.update({k: float(v) for k, v in values.items()}),
+    )
+    return logged_values
 
 
 class TestTheLoss:
@@ -140,10 +144,10 @@ class TestTheLoss:
         module, given = build().eval(), batch()
         true = torch.zeros(4, 1, SIDE, SIDE)
         true[:, :, :8], given["target_mask"] = 1, true
-        said = true.clone()
-        said[0, :, 4:] = 0  # half of it, and nothing else
-        said[1, :, :12] = 1  # it, and half as much again
-        monkeypatch.setattr(module, "forward", lambda *given_: Rendering(given["target"], said))
+        output = true.clone()
+        output[0, :, 4:] = 0  # half of it, and nothing else
+        output[1, :, :12] = 1  # it, and half as much again
+        monkeypatch.setattr(module, "forward", lambda *given_: Rendering(given["target"], output))
         with torch.no_grad():
             module.validation_step(given, 0)
         assert logged["val/l1"] == 0
@@ -266,11 +270,11 @@ class TestTraining:
         monkeypatch.setattr(Trainer, "estimated_stepping_batches", total)
         module, rates = build(), []
         module.trainer = trainer(tmp_path)
-        said = module.configure_optimizers()
+        configured = module.configure_optimizers()
         for _ in range(total):
-            rates.append(said["optimizer"].param_groups[0]["lr"])
-            said["optimizer"].step()
-            said["lr_scheduler"]["scheduler"].step()
+            rates.append(configured["optimizer"].param_groups[0]["lr"])
+            configured["optimizer"].step()
+            configured["lr_scheduler"]["scheduler"].step()
         rise = max(1, total // 20)
         assert max(rates) <= 0.01
         assert all(a < b for a, b in pairwise(rates[:rise]))
@@ -286,7 +290,7 @@ class TestTraining:
             trainer(tmp_path, max_steps=-1, max_epochs=-1).fit(build(), loader(), loader())
 
     @pytest.mark.parametrize(
-        ("changes", "said"),
+        ("changes", "message"),
         [
             (
                 {"losses": {"kl": L1()}, "loss_weights": None},
@@ -295,8 +299,8 @@ class TestTraining:
             ({"losses": {"ssim": L1()}, "loss_weights": None}, "losses: ssim is a name that the log needs"),
         ],
     )
-    def test_mistakes_in_the_losses_names_are_reported_when_it_is_built(self, changes, said):
-        with pytest.raises(ValueError, match=said):
+    def test_mistakes_in_the_losses_names_are_reported_when_it_is_built(self, changes, message):
+        with pytest.raises(ValueError, match=message):
             build(**changes)
 
 

@@ -66,15 +66,15 @@ def test_each_row_has_its_own_distance():
 
 
 def test_the_loss_is_the_mean_divergence_of_the_targets(monkeypatch):
-    told = {}
-    monkeypatch.setattr(CoordinateTraining, "log", lambda self, name, value, **_: told.update({name: float(value)}))
+    logged = {}
+    monkeypatch.setattr(CoordinateTraining, "log", lambda self, name, value, **_: logged.update({name: float(value)}))
     module, (given, truth) = make().eval(), views()
     with torch.no_grad():
         loss = module.training_step(given, 0)
         module.validation_step(given, 0)
         expected = module.regressor.divergence(module(given["target"]), truth, given["target_mask"]).mean()
     torch.testing.assert_close(loss, expected, atol=1e-4, rtol=0)
-    assert told == {"train/coordinates": pytest.approx(float(loss)), "val/coordinates": pytest.approx(float(loss))}
+    assert logged == {"train/coordinates": pytest.approx(float(loss)), "val/coordinates": pytest.approx(float(loss))}
 
 
 def test_coordinates_follow_the_jittered_picture(monkeypatch):
@@ -82,7 +82,7 @@ def test_coordinates_follow_the_jittered_picture(monkeypatch):
         make(similarity=RandomSimilarity(180.0, 0.3, 1.4), recoloring=lambda image: image / 2),
         views(),
     )
-    module.log, shown = lambda *told, **settings: None, {}
+    module.log, shown = lambda *args, **settings: None, {}
     # What is seen are the coordinates themselves, so picture and truth can be compared.
     given["target"] = truth * (given["target_mask"] > 0) + 1
     module.regressor.register_forward_pre_hook(lambda _, inputs: shown.update(image=inputs[0]))

@@ -39,11 +39,11 @@ def truth_of(given):
 
 @pytest.fixture
 def logged(monkeypatch):
-    told = {}
+    entries = {}
     monkeypatch.setattr(
-        OrientationTraining, "log", lambda self, name, value, **settings: told.update({name: float(value)})
+        OrientationTraining, "log", lambda self, name, value, **settings: entries.update({name: float(value)})
     )
-    return told
+    return entries
 
 
 def test_the_loss_is_the_mean_distance_and_the_median_error_is_logged(logged):
@@ -52,8 +52,8 @@ def test_the_loss_is_the_mean_distance_and_the_median_error_is_logged(logged):
         loss = module.training_step(given, 0)
         module.validation_step(given, 0)
         module.on_validation_epoch_end()
-        said = module(torch.cat([given["source"], given["target"]]))
-    errors = rotation_error(said, truth_of(given))
+        output = module(torch.cat([given["source"], given["target"]]))
+    errors = rotation_error(output, truth_of(given))
     within = {f"val/within_{limit}deg": (errors.rad2deg() < limit).float().mean() for limit in (10, 30)}
     torch.testing.assert_close(loss, (1 - errors.cos()).mean())
     expected = {"train/rotation": loss, "val/rotation": loss, "val/rotation_deg": errors.rad2deg().quantile(0.5)}
@@ -85,7 +85,7 @@ def test_the_mask_follows_the_jitter():
         similarity=RandomSimilarity(0.0, 0.0, 3.0),
         corruption=lambda image, mask: seen.append((image, mask)) or (image, mask),
     )
-    module.log, seen, given = lambda *told, **settings: None, [], batch()
+    module.log, seen, given = lambda *args, **settings: None, [], batch()
     middle = torch.zeros(3, 1, SIDE, SIDE)
     middle[..., 8:24, 8:24] = 1
     given |= {f"{view}_mask": middle for view in ("source", "target")}

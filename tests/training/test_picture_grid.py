@@ -102,13 +102,13 @@ class Told:
 
 @pytest.mark.parametrize("name", ["MLflow", "Comet", "Weights & Biases", "own"])
 def test_other_loggers_get_the_pictures_in_their_own_way(tmp_path, name):
-    told = Told()
+    logger = Told()
 
     class Own(CSVLogger):
         @property
         def experiment(self):
             writer = super().experiment
-            writer.log_image, writer.add_image = told.log_image, told.add_image
+            writer.log_image, writer.add_image = logger.log_image, logger.add_image
             return writer
 
     class MLflow(Own):
@@ -120,11 +120,11 @@ def test_other_loggers_get_the_pictures_in_their_own_way(tmp_path, name):
 
     class WeightsAndBiases(CSVLogger):
         def log_image(self, key, images, step):
-            told.log_image(key, *images, step)
+            logger.log_image(key, *images, step)
 
     kinds = {"MLflow": MLflow, "Comet": Comet, "Weights & Biases": WeightsAndBiases, "own": Own}
     run(tmp_path, PictureGrid(2, 2), kinds[name](tmp_path, "", ""))
-    ((given, settings),) = told.calls
+    ((given, settings),) = logger.calls
     (pixels,) = (value for value in given if hasattr(value, "shape"))
     check(pixels, rows=(0, 3))
     others = [value for value in given if value is not pixels]

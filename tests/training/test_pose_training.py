@@ -36,9 +36,9 @@ def batch(rows=4, seed=0):
 
 @pytest.fixture
 def logged(monkeypatch):
-    told = {}
-    monkeypatch.setattr(PoseTraining, "log", lambda self, name, value, **settings: told.update({name: float(value)}))
-    return told
+    entries = {}
+    monkeypatch.setattr(PoseTraining, "log", lambda self, name, value, **settings: entries.update({name: float(value)}))
+    return entries
 
 
 @pytest.fixture

@@ -50,9 +50,9 @@ def rows(count=4, seed=0):
 
 @pytest.fixture
 def logged(monkeypatch):
-    told = {}
-    monkeypatch.setattr(RefinerTraining, "log", lambda self, name, value, **more: told.update({name: float(value)}))
-    return told
+    entries = {}
+    monkeypatch.setattr(RefinerTraining, "log", lambda self, name, value, **more: entries.update({name: float(value)}))
+    return entries
 
 
 def test_a_drawing_at_the_true_pose_is_the_crop_of_a_view(monkeypatch):
