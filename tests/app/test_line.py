@@ -68,20 +68,20 @@ def twelve_visits(folder, monkeypatch):
     monkeypatch.setattr(shown.views, "answered", lambda result, steps: f"answer of {result.visitor.folder.name}")
     called = [fn.fn for fn in page(Sessions(folder)).fns.values() if getattr(fn.fn, "__name__", "") == "run"]
     run, view = called[0], called[0].__self__.parts.view
-    seen = {str(k): [] for k in range(12)}
+    recorded = {str(k): [] for k in range(12)}
 
     def visit(name):
         for changes in run(name, "mug", ""):
-            seen[name].append(str(changes.get(view, "")))
-            if "before yours" in seen[name][-1] and all(seen.values()):
+            recorded[name].append(str(changes.get(view, "")))
+            if "before yours" in recorded[name][-1] and all(recorded.values()):
                 begun.set()
 
-    threads = [Thread(target=visit, args=(name,), daemon=True) for name in seen]
+    threads = [Thread(target=visit, args=(name,), daemon=True) for name in recorded]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join(60)
-    return list(seen.values()), len(running)
+    return list(recorded.values()), len(running)
 
 
 @pytest.mark.slow

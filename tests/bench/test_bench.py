@@ -63,8 +63,8 @@ def test_the_floor_is_how_far_noise_spreads_the_answers_of_least_squares():
     rng = torch.Generator().manual_seed(0)
     noises = noise * torch.randn(len(jacobian), 400, generator=rng, dtype=torch.float64)
     moved = 32 * torch.linalg.lstsq(jacobian, noises).solution[:8].view(4, 2, 400)
-    spread = float(moved.square().sum(1).mean().sqrt())
-    assert registration_pairs.noise_floor(pair, noise) == pytest.approx(spread, rel=0.1)
+    deviation = float(moved.square().sum(1).mean().sqrt())
+    assert registration_pairs.noise_floor(pair, noise) == pytest.approx(deviation, rel=0.1)
 
 
 @pytest.mark.parametrize(

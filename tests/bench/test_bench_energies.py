@@ -37,7 +37,7 @@ def test_each_energy_gets_a_row_and_nothing_is_measured_twice(
     drawn: list[int] = []
     views = accuracy_fits.held_out_views
     monkeypatch.setattr(
-        accuracy_fits, "held_out_views", lambda *given, **also: (drawn.append(1), views(*given, **also))[1]
+        accuracy_fits, "held_out_views", lambda *args, **also: (drawn.append(1), views(*args, **also))[1]
     )
     main(words)
     assert drawn == [1]  # for both
@@ -52,15 +52,15 @@ def test_each_energy_gets_a_row_and_nothing_is_measured_twice(
     assert saved["found"]["one"]["procedural"]["mug"]["all views"]["number"] == 1
     del saved["found"]["other"]  # as if stopped after the first
     path.write_text(json.dumps(saved))
-    measured: list[int] = []
+    calls: list[int] = []
     once = accuracy_fits.AccuracyFits.procedural
-    monkeypatch.setattr(accuracy_fits.AccuracyFits, "procedural", lambda self: (measured.append(1), once(self))[1])
+    monkeypatch.setattr(accuracy_fits.AccuracyFits, "procedural", lambda self: (calls.append(1), once(self))[1])
     main(words)
-    assert measured == [1]
+    assert calls == [1]
     main(words)
-    assert measured == [1]
+    assert calls == [1]
     main([*words, "--seed", "3"])
-    assert measured == [1, 1, 1]
+    assert calls == [1, 1, 1]
 
 
 def test_every_energy_fits_a_model() -> None:

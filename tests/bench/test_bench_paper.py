@@ -105,9 +105,9 @@ def test_the_regressor_starts_from_imagenet_where_its_file_is_given(how):
     words = replace(how.training, vgg16="vgg16.pth").command("regressor", "laptop")
     assert words[words.index("--model.init_args.weights") + 1] == "vgg16.pth"
     assert "--model.init_args.weights" not in how.training.command("regressor", "laptop")
-    given = replace(how, training=replace(how.training, vgg16="vgg16.pth"))
+    inputs = replace(how, training=replace(how.training, vgg16="vgg16.pth"))
     found = made_up(["2a"], ["laptop"])
-    assert "the VGG16 regressor from ImageNet's weights" in page(found, ["2a"], ["laptop"], given, "kfit")
+    assert "the VGG16 regressor from ImageNet's weights" in page(found, ["2a"], ["laptop"], inputs, "kfit")
     assert "the VGG16 regressor from random weights" in page(found, ["2a"], ["laptop"], how, "kfit")
 
 
@@ -151,15 +151,13 @@ def test_a_unit_is_measured_once_for_the_same_settings(how, monkeypatch, tmp_pat
     checkpoint.write_bytes(b"")
     (how.training.runs / "mug").mkdir(parents=True)
     monkeypatch.setattr(variants.Training, "trained", lambda *_: checkpoint)
-    measured = []
-    monkeypatch.setattr(
-        Measuring, "_measure", lambda self, *asked: measured.append(asked) or {"rotation_deg": np.ones(2)}
-    )
+    calls = []
+    monkeypatch.setattr(Measuring, "_measure", lambda self, *asked: calls.append(asked) or {"rotation_deg": np.ones(2)})
     for _ in range(2):
         assert how.measured("full+l1", "mug")["rotation_deg"].tolist() == [1, 1]
-    assert len(measured) == 1
+    assert len(calls) == 1
     Measuring(how.training, fits.Schedule(8, 2), 2, 0, how.tell).measured("full+l1", "mug")
-    assert len(measured) == 2
+    assert len(calls) == 2
 
 
 def test_reconstruction_is_evaluated_on_objects_of_held_out_and_of_known_families(monkeypatch, tmp_path):
@@ -213,8 +211,8 @@ def test_no_change_leaves_views_as_they_are_and_more_changes_more(kind):
     image = torch.ones(2, 3, 32, 32)
     image[:, :, 8:24, 8:24] = 0.4
     mask = (image[:, :1] < 0.5).float()
-    seen = Observation(image, mask, keys=(0, 1))
-    away = [(changer(kind, s)(seen).image - image).abs().mean() for s in (0.0, 0.1, 0.3)]
+    observed = Observation(image, mask, keys=(0, 1))
+    away = [(changer(kind, s)(observed).image - image).abs().mean() for s in (0.0, 0.1, 0.3)]
     assert away[0] < 1e-6 < away[1] < away[2]
 
 

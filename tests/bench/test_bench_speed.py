@@ -65,7 +65,7 @@ def test_each_fit_is_kept_and_none_is_measured_twice(
     (out / "speed.json").write_text(json.dumps(saved))
     again: list[str] = []
     fit = bench_speed.fit
-    monkeypatch.setattr(bench_speed, "fit", lambda way, *given: (again.append(way.name), fit(way, *given))[1])
+    monkeypatch.setattr(bench_speed, "fit", lambda way, *args: (again.append(way.name), fit(way, *args))[1])
     main(words)
     assert again == ["kfit"]
 
@@ -76,11 +76,11 @@ def test_each_fit_is_kept_and_none_is_measured_twice(
 
 def test_ratios_are_medians_over_repeats() -> None:
     def fits(seconds: list[float], pictures: int) -> dict[str, list[dict[str, object]]]:
-        measured = [
+        calls = [
             {"seconds": s, "pictures": pictures, "megabytes": None, "rotation_deg": 3.0, "energy: released": s}
             for s in seconds
         ]
-        return {"0": measured}
+        return {"0": calls}
 
     cost, quality = sections({"released": fits([40, 30, 20], 1600), "kfit": fits([1, 2, 1], 80)}, 1, {}, {})
     assert cost.rows[1] == ["kfit", "1.00", "20.0 ×", "80", "20.0 ×", "unknown", ""]

@@ -7,7 +7,7 @@ import pytest
 
 SCRIPT = runpy.run_path(str(Path(__file__).parents[2] / ".ci/audit.py"))
 UNKNOWN = {"name": "a", "skip_reason": "not found"}
-WHOLE = {"name": "b", "version": "1.0", "vulns": []}
+SAFE = {"name": "b", "version": "1.0", "vulns": []}
 MENDED = {"name": "c", "version": "1.0", "vulns": [{"id": "CVE-1", "fix_versions": ["1.1"]}]}
 OPEN = {"name": "d", "version": "1.0", "vulns": [{"id": "CVE-2", "fix_versions": []}]}
 
@@ -15,11 +15,11 @@ OPEN = {"name": "d", "version": "1.0", "vulns": [{"id": "CVE-2", "fix_versions":
 @pytest.mark.parametrize(
     ("answers", "status", "message"),
     [
-        ({"pypi": [WHOLE, UNKNOWN]}, 0, ["pypi knows 1 of 2 pinned packages"]),
-        ({"pypi": [WHOLE, MENDED]}, 1, ["c 1.0: CVE-1, mended in 1.1", "pypi knows 2 of 2 pinned packages"]),
+        ({"pypi": [SAFE, UNKNOWN]}, 0, ["pypi knows 1 of 2 pinned packages"]),
+        ({"pypi": [SAFE, MENDED]}, 1, ["c 1.0: CVE-1, mended in 1.1", "pypi knows 2 of 2 pinned packages"]),
         ({"pypi": [OPEN]}, 0, ["d 1.0: CVE-2, mended in no release", "pypi knows 1 of 1 pinned packages"]),
         # A mirror that has no advisories skips every package, which pip-audit calls "no known vulnerabilities".
-        ({"pypi": [UNKNOWN], "osv": [WHOLE]}, 0, [
+        ({"pypi": [UNKNOWN], "osv": [SAFE]}, 0, [
             "no answer from the database pypi",
             "osv knows 1 of 1 pinned packages",
         ]),

@@ -22,7 +22,7 @@ def package(name, *licences):
 
 
 @pytest.mark.parametrize(
-    ("expression", "verdict"),
+    ("expression", "outcome"),
     [
         ("MIT", True),
         ("MPL-2.0 AND (Apache-2.0 OR MIT)", True),
@@ -35,8 +35,8 @@ def package(name, *licences):
         ("all rights reserved", False),
     ],
 )
-def test_all_licences_that_bind_at_once_must_be_allowed(expression, verdict):
-    assert SCRIPT["allowed"](expression) is verdict
+def test_all_licences_that_bind_at_once_must_be_allowed(expression, outcome):
+    assert SCRIPT["allowed"](expression) is outcome
 
 
 @pytest.mark.parametrize(

@@ -81,8 +81,8 @@ def test_a_clip_is_followed(videos: Path, truth: Clip, tmp_path: Path, capsys: p
 def test_a_folder_is_tracked_by_its_masks_and_an_empty_frame_has_no_pose(
     videos: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    given = ["--masks", str(videos / "masks"), "--out", str(tmp_path)]
-    main(["video", str(videos / "frames"), "--category", "laptop", *given])
+    inputs = ["--masks", str(videos / "masks"), "--out", str(tmp_path)]
+    main(["video", str(videos / "frames"), "--category", "laptop", *inputs])
     printed = capsys.readouterr()
     assert printed.out.startswith("laptop found in 3 of 4 frames; confidence ")
     assert "estimated" in printed.err

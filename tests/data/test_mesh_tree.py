@@ -150,7 +150,7 @@ def test_an_identity_changes_with_any_content_of_the_tree_and_with_nothing_else(
     path, copy = (model(tmp_path / name / "models", "../images/t.png") for name in ("id", "copy"))
     first, same = mesh_identities([path, copy])
     assert first == same
-    seen = {first}
+    observed = {first}
     for file, old, new in [
         (path, b"v 0 1 0", b"v 0 2 0"),
         (path.with_name("m.mtl"), b"Kd 1 1 1", b"Kd 1 0 1"),
@@ -158,8 +158,8 @@ def test_an_identity_changes_with_any_content_of_the_tree_and_with_nothing_else(
     ]:
         file.write_bytes(file.read_bytes().replace(old, new))
         (changed,) = mesh_identities([path])
-        assert changed not in seen
-        seen.add(changed)
+        assert changed not in observed
+        observed.add(changed)
     assert mesh_identities([copy]) == [first]
 
 

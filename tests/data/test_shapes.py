@@ -110,8 +110,8 @@ def test_a_cameras_lens_points_to_plus_x(held_out):
         mesh, _ = build("camera", seed, held_out)
         high = mesh.bounds[1]
         tip = mesh.vertices[mesh.vertices[:, 0] > high[0] - 0.01]
-        spread = np.ptp(tip, axis=0)
-        assert spread[1] == pytest.approx(spread[2], rel=0.1)
+        sigma = np.ptp(tip, axis=0)
+        assert sigma[1] == pytest.approx(sigma[2], rel=0.1)
 
 
 @pytest.mark.parametrize("category", ["bottle", "bowl", "can"])

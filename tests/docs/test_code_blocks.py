@@ -80,13 +80,13 @@ def commands_of(text: str) -> list[list[str]]:
 
 def kfit_words(words: list[str]) -> list[str] | None:
     """What a command hands to kfit, or None if it is another program."""
-    program, rest = Path(words[0]).name, words[1:]
+    program, others = Path(words[0]).name, words[1:]
     if program in ("kfit", "lightning"):
-        return rest
-    if program.startswith("python") and rest[:2] == ["-m", "kfit"]:
-        return rest[2:]
-    if program.startswith("python") and rest[:1] == ["-c"] and "kfit.cli.main" in rest[1]:
-        return rest[2:]
+        return others
+    if program.startswith("python") and others[:2] == ["-m", "kfit"]:
+        return others[2:]
+    if program.startswith("python") and others[:1] == ["-c"] and "kfit.cli.main" in others[1]:
+        return others[2:]
     return None
 
 

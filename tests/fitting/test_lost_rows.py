@@ -2,7 +2,7 @@
 
 import pytest
 import torch
-from spot_fits import Cliff, Given, assert_same_path, counting, path, pipeline, spots
+from spot_fits import Cliff, FixedStart, assert_same_path, counting, path, pipeline, spots
 
 from kfit.callbacks import Pruning
 from kfit.core import FitError, Prior
@@ -50,7 +50,7 @@ class TestBrokenRows:
 
     def fit(self, y, **changes):
         energies = {"image": L2(), "cliff": Cliff(0.8)}
-        return pipeline(initializers=[Given(y=y)], num_starts=3, energies=energies, **changes)
+        return pipeline(initializers=[FixedStart(y=y)], num_starts=3, energies=energies, **changes)
 
     def test_are_dropped_reported_and_reach_no_other(self):
         broken, whole = (self.fit(y)(spots(rows=(0, 1)), seed=0) for y in (self.one_broken, self.fine))
@@ -64,7 +64,7 @@ class TestBrokenRows:
     def test_may_break_on_the_way(self):
         # The truth of problem 1 lies at y = 0.35, beyond a cliff at 0.3.
         fit = pipeline(
-            initializers=[Given(y=[0.1, -9.0])],
+            initializers=[FixedStart(y=[0.1, -9.0])],
             num_starts=2,
             energies={"image": L2(), "cliff": Cliff(0.3)},
             num_steps=40,
@@ -81,7 +81,10 @@ class TestBrokenRows:
 
     def test_break_when_only_their_slope_is_no_number(self):
         fit = pipeline(
-            initializers=[Given(y=[0.25, 0.5])], num_starts=2, energies={"image": L2(), "spike": Spike()}, num_steps=3
+            initializers=[FixedStart(y=[0.25, 0.5])],
+            num_starts=2,
+            energies={"image": L2(), "spike": Spike()},
+            num_steps=3,
         )
         result = fit(spots(rows=(0,)), seed=0)
         assert result.dropped == [(0, 0, 0)]

@@ -42,8 +42,8 @@ def test_angles_come_back_from_the_rotation() -> None:
     elevation = torch.linspace(-1.5, 1.5, 11)[:, None]
     roll = torch.linspace(-3.1, 3.1, 13)
     found = angles_from_rotation(rotation_from_angles(azimuth, elevation, roll))
-    for value, given in zip(found, (azimuth, elevation, roll), strict=True):
-        torch.testing.assert_close(value, given.expand(41, 11, 13), atol=1e-5, rtol=0)
+    for value, inputs in zip(found, (azimuth, elevation, roll), strict=True):
+        torch.testing.assert_close(value, inputs.expand(41, 11, 13), atol=1e-5, rtol=0)
 
 
 @pytest.mark.parametrize("off", [0.0, 1e-7, 1e-4])

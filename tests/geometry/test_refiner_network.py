@@ -49,6 +49,6 @@ def test_pixels_of_weight_0_are_white_and_no_object():
     weight = torch.ones(1, 1, 4, 4)
     weight[..., 1, 2] = 0
     image[..., 1, 2] = torch.nan
-    seen = refiner_input(image, mask, weight)
-    assert seen[0, :, 1, 2].tolist() == [1, 1, 1, 0]
-    assert torch.equal(seen[..., 0], torch.cat([image, mask], 1)[..., 0])
+    observed = refiner_input(image, mask, weight)
+    assert observed[0, :, 1, 2].tolist() == [1, 1, 1, 0]
+    assert torch.equal(observed[..., 0], torch.cat([image, mask], 1)[..., 0])

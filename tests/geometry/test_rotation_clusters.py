@@ -41,8 +41,8 @@ def test_weights_fall_by_e_for_each_tenth_of_the_best_energy() -> None:
 
 def test_the_spread_is_the_weighted_root_mean_square_of_the_angles() -> None:
     rotation, weight = turned([0, 10, -20, 170]), torch.tensor([1.0, 2.0, 1.0, 0.0])
-    spread = rotation_sigma_deg(rotation, weight, rotation[0])
-    assert spread.item() == pytest.approx(((2 * 100 + 400) / 4) ** 0.5)
+    sigma = rotation_sigma_deg(rotation, weight, rotation[0])
+    assert sigma.item() == pytest.approx(((2 * 100 + 400) / 4) ** 0.5)
     assert rotation_sigma_deg(rotation, weight, rotation[0], "y").item() == pytest.approx(0, abs=1e-9)
 
 

@@ -102,7 +102,7 @@ def test_precision_is_that_of_the_published_evaluators(scores, name):
     np.testing.assert_allclose(values, GOLDEN[name], atol=1e-9)
 
 
-def one(category: str, truths: list, found: list, scores: list[float], seen: list[float] | None = None) -> dict:
+def one(category: str, truths: list, found: list, scores: list[float], observed: list[float] | None = None) -> dict:
     """An image of one category; every box is the same."""
     size = np.full(3, 3**-0.5)
     result = {
@@ -114,7 +114,7 @@ def one(category: str, truths: list, found: list, scores: list[float], seen: lis
         "pred_scales": np.tile(size, (len(found), 1)),
         "pred_scores": np.array(scores),
     }
-    return result if seen is None else result | {"gt_handle_visibility": np.array(seen)}
+    return result if observed is None else result | {"gt_handle_visibility": np.array(observed)}
 
 
 HERE = similarity(0.2, turned([1, 0.2, 0.1], 25), [0.0, 0.1, 1.0])
@@ -129,8 +129,8 @@ def test_a_bottle_turned_about_itself_is_right_and_a_camera_is_not():
 def test_a_mug_turns_freely_only_where_its_handle_is_known_to_be_hidden():
     around = HERE @ similarity(1, turned([0, 1, 0], 90), [0, 0, 0])
     hidden, visible, untold = (
-        evaluate_nocs([one("mug", [HERE], [around], [1.0], seen)], iou="axis_aligned").pose(5, 5)[5]
-        for seen in ([0.0], [1.0], None)
+        evaluate_nocs([one("mug", [HERE], [around], [1.0], observed)], iou="axis_aligned").pose(5, 5)[5]
+        for observed in ([0.0], [1.0], None)
     )
     assert (hidden, visible, untold) == (1, 0, 0)
 

@@ -34,9 +34,9 @@ def fit_of(
     return FitResult({}, torch.tensor([energy]), rows[:1], rows, rows, torch.rand(left), {}, History(total, terms, {}))
 
 
-def found(weight: float = 0.9, energy: float = 1.0, spread: float = 2.0) -> list[Alternative]:
+def found(weight: float = 0.9, energy: float = 1.0, sigma_deg: float = 2.0) -> list[Alternative]:
     turn = np.eye(3)
-    return [Alternative(turn, energy, weight, spread), Alternative(turn, 1.2 * energy, 1 - weight, 0.0)]
+    return [Alternative(turn, energy, weight, sigma_deg), Alternative(turn, 1.2 * energy, 1 - weight, 0.0)]
 
 
 def made_up(count: int, seed: int = 0) -> tuple[list[dict[str, float]], list[bool], np.ndarray]:
@@ -110,9 +110,9 @@ def test_reliability_tells_each_bin_and_their_mean_gap() -> None:
 
 
 def test_evidence_is_the_more_the_surer_and_finite_at_its_ends() -> None:
-    sure, torn = evidence(found(0.9), 0.9), evidence(found(0.6, 1.5, 10.0), 0.3)
-    assert set(sure) == {"weight", "energy", "agreement", "looks"}
-    assert all(sure[name] > torn[name] for name in sure)
+    certain, torn = evidence(found(0.9), 0.9), evidence(found(0.6, 1.5, 10.0), 0.3)
+    assert set(certain) == {"weight", "energy", "agreement", "looks"}
+    assert all(certain[name] > torn[name] for name in certain)
     alone = evidence(found(1.0)[:1], None)
     assert "looks" not in alone
     assert all(math.isfinite(one) for one in [*alone.values(), *evidence(found(0.0), 0.0).values()])
@@ -168,8 +168,8 @@ def test_a_poor_drawing_is_reported_where_fits_with_depth_lack_calibration() -> 
 
 
 def test_of_equal_energies_the_look_of_the_own_problem_counts() -> None:
-    look = torch.tensor([[[9.0], [1.0]]])
-    terms, rows = {"l1": look, "depth": 10 - look}, torch.arange(2)
+    shift = torch.tensor([[[9.0], [1.0]]])
+    terms, rows = {"l1": shift, "depth": 10 - shift}, torch.arange(2)
     fit = replace(
         fit_of(), energy=torch.full((2,), 10.0), start=rows * 0, all_problem=rows, all_start=rows * 0,
         all_energy=torch.full((2,), 10.0), history=History(torch.full((1, 2, 1), 10.0), terms, {}),

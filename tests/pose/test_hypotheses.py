@@ -119,6 +119,6 @@ def test_the_bundled_mug_s_head_doubts_hidden_handles_and_seldom_what_shows() ->
         )
         angles = (fit.values[name].double()[0] for name in ("azimuth", "elevation", "roll"))
         right.append(bool(rotation_error(rotation_from_angles(*angles), truth).rad2deg() < 10))
-    doubts, sound = torch.tensor(called).double(), torch.tensor(right) & views.visible
-    assert doubts[~views.visible].mean() > 0.4
-    assert doubts[sound].mean() < 0.15
+    warnings, sound = torch.tensor(called).double(), torch.tensor(right) & views.visible
+    assert warnings[~views.visible].mean() > 0.4
+    assert warnings[sound].mean() < 0.15

@@ -13,7 +13,7 @@ from kfit.segmentation import Box, Segment, Segmenter, nocs_detections
 IMAGE = np.full((60, 80, 3), 0.5, np.float32)
 
 
-class Told(Segmenter):
+class Fixed(Segmenter):
     """Finds the box, or a fixed place, and remembers what it was asked."""
 
     def __call__(self, image: np.ndarray, category: str, box: Box | None = None) -> Segment:
@@ -26,7 +26,7 @@ class Told(Segmenter):
 
 @pytest.mark.parametrize("box", [None, (5, 6, 20, 30)])
 def test_a_segmenter_is_asked_for_the_models_category(tiny_model: CategoryModel, box: Box | None) -> None:
-    network = Told()
+    network = Fixed()
     result = tiny_model.pose(IMAGE, box=box, segmenter=network, pipeline=tiny_model.pipeline(2, 1))
     assert network.asked == ((60, 80, 3), "mug", box)
     assert result.bbox_xywh == (box or (10, 20, 30, 15))
@@ -54,4 +54,4 @@ def test_a_path_is_a_model_file(tiny_model: CategoryModel, tmp_path: Path) -> No
 
 def test_a_segmenter_with_a_mask_is_refused(tiny_model: CategoryModel) -> None:
     with pytest.raises(ValueError, match="mask and segmenter were both given"):
-        tiny_model.pose(IMAGE, mask=np.ones((60, 80)), segmenter=Told())
+        tiny_model.pose(IMAGE, mask=np.ones((60, 80)), segmenter=Fixed())

@@ -113,5 +113,5 @@ def test_an_improbable_category_lowers_the_confidence_and_says_so(score: float, 
 
 
 def test_a_probable_category_lowers_the_confidence_by_what_is_left_open() -> None:
-    sure: Any = with_score(Answer(0.95, []), one("mug", LEFT, 0.9))  # type: ignore[arg-type]
-    assert sure == Answer(0.9 * 0.95, [], 0.9)
+    certain: Any = with_score(Answer(0.95, []), one("mug", LEFT, 0.9))  # type: ignore[arg-type]
+    assert certain == Answer(0.9 * 0.95, [], 0.9)

@@ -54,7 +54,7 @@ def write_results(folder: Path) -> None:
 class Still(Tracker):
     """Finds in every frame what it found in the first."""
 
-    def __call__(self, *seen: object) -> TrackedPose:  # type: ignore[override]
+    def __call__(self, *observed: object) -> TrackedPose:  # type: ignore[override]
         return self.last
 
 

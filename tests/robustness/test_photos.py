@@ -136,13 +136,13 @@ def test_a_photo_turned_by_exif_is_the_upright_one(orientation: int, tmp_path: P
     stored = NOISE if orientation == 1 else NOISE.transpose(Image.Transpose(back[orientation]))
     stored.save(tmp_path / "p.png", exif=exif)
     mask = (MASK > 0).astype(np.float32)
-    upright, seen = (
+    upright, observed = (
         ObservedObject.of(photo, CATEGORIES["mug"], 32, mask, intrinsics=CAMERA)
         for photo in (PIXELS, tmp_path / "p.png")
     )
-    np.testing.assert_array_equal(seen.image, upright.image)
+    np.testing.assert_array_equal(observed.image, upright.image)
     for field in ("image", "mask"):
-        assert torch.equal(seen.observation.field(field), upright.observation.field(field))
+        assert torch.equal(observed.observation.field(field), upright.observation.field(field))
 
 
 def test_a_picture_of_20000_pixels_a_side_takes_no_memory(tmp_path: Path) -> None:
@@ -184,9 +184,9 @@ def test_odd_masks_are_taken(mask: str, tmp_path: Path) -> None:
     found = mask_from_file(tmp_path / "m.png", (48, 64))
     np.testing.assert_array_equal(found, MASKS[mask] > 0)
     for kind in (np.uint8, bool, np.float64, np.int32):
-        seen = ObservedObject.of(PIXELS, CATEGORIES["mug"], 32, MASKS[mask].astype(kind))
-        np.testing.assert_array_equal(seen.mask, MASKS[mask] > 0)
-        assert bool(seen.observation.field("image").isfinite().all())
+        observed = ObservedObject.of(PIXELS, CATEGORIES["mug"], 32, MASKS[mask].astype(kind))
+        np.testing.assert_array_equal(observed.mask, MASKS[mask] > 0)
+        assert bool(observed.observation.field("image").isfinite().all())
 
 
 @pytest.mark.slow
@@ -198,19 +198,19 @@ def test_a_command_with_a_photo_turned_by_exif_takes_mask_and_box_in_upright_pix
     exif[0x0112] = orientation
     NOISE.transpose(Image.Transpose.ROTATE_90).save(tmp_path / "p.jpg", exif=exif)
     Image.fromarray(MASK).save(tmp_path / "m.png")
-    seen: list[torch.Tensor] = []
+    recorded: list[torch.Tensor] = []
 
     class Reached(BaseException):
         pass
 
     def fit(_: FitPipeline, observation: Any, **__: Any) -> None:
-        seen.append(observation.field("mask"))
+        recorded.append(observation.field("mask"))
         raise Reached
 
     monkeypatch.setattr(FitPipeline, "forward", fit)
     with pytest.raises(Reached):
         main(["pose", str(tmp_path / "p.jpg"), "--category", "mug", "--mask", str(tmp_path / "m.png")])
-    assert seen[0].mean() > 0.3  # it is not turned away
+    assert recorded[0].mean() > 0.3  # it is not turned away
 
 
 def test_names_of_any_letters_are_reported_on_one_line(

@@ -16,7 +16,7 @@ import matplotlib
 import numpy as np
 import pytest
 import torch
-from blobs import THREADS, Fails, at_once, blob, blobs, same_answer, same_history, seen
+from blobs import THREADS, Fails, at_once, blob, blobs, same_answer, same_history, view_of
 from PIL import Image
 
 import kfit
@@ -54,7 +54,7 @@ class TestThreads:
     @pytest.mark.slow
     def test_that_load_and_fit_several_models_get_the_answers_that_they_get_alone(self):
         names = ("mug", "laptop", "bottle", "bowl", "can", "camera", "mug", "laptop")
-        views = [seen(name, 3) for name in names]
+        views = [view_of(name, 3) for name in names]
 
         def pose(number: int) -> PoseResult:
             model, view = kfit.load(names[number]), views[number]
@@ -150,10 +150,10 @@ def _pose_elsewhere(model: CategoryModel, photo: Any, answers: Any) -> None:
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="processes cannot be forked here")
 def test_a_forked_process_does_not_wait_for_threads_of_its_parent():
-    fit, seen, before = blobs(), blob(1), torch.get_num_threads()
+    fit, observed, before = blobs(), blob(1), torch.get_num_threads()
     torch.set_num_threads(2)
     try:
-        expected = fit(seen, seed=1)
+        expected = fit(observed, seed=1)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # that threads are not forked along
             process = os.fork()
@@ -161,7 +161,7 @@ def test_a_forked_process_does_not_wait_for_threads_of_its_parent():
             status = 1
             try:
                 kept = torch.get_num_threads() == 2  # importing kfit changes nothing of the caller's
-                same = torch.allclose(fit(seen, seed=1).history.energy, expected.history.energy, equal_nan=True)
+                same = torch.allclose(fit(observed, seed=1).history.energy, expected.history.energy, equal_nan=True)
                 status = 0 if same and kept and torch.get_num_threads() == 2 else 2
             finally:
                 os._exit(status)

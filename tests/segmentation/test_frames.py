@@ -29,10 +29,10 @@ def clip(path):
 def test_a_clip_gives_its_frames_with_their_times(tmp_path):
     frames = Frames.of(clip(tmp_path / "clip.mp4"))
     assert (frames.count, frames.rate) == (5, 25)
-    seen = list(frames)
-    assert [frame.time for frame in seen] == pytest.approx([0, 0.04, 0.08, 0.12, 0.16])
-    assert [frame.photo.image.shape for frame in seen] == [(32, 48, 3)] * 5
-    assert [255 * frame.photo.image[16, 8].mean() for frame in seen] == pytest.approx(SHADES, abs=4)
+    observed = list(frames)
+    assert [frame.time for frame in observed] == pytest.approx([0, 0.04, 0.08, 0.12, 0.16])
+    assert [frame.photo.image.shape for frame in observed] == [(32, 48, 3)] * 5
+    assert [255 * frame.photo.image[16, 8].mean() for frame in observed] == pytest.approx(SHADES, abs=4)
     assert frames.note == ""
 
 

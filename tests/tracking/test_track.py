@@ -31,8 +31,8 @@ def errors(clip, answers):
 @pytest.mark.parametrize("own", [pytest.param(False, marks=pytest.mark.slow), True], ids=["true masks", "own masks"])
 def test_an_object_is_followed(laptop, clip, own):
     masks = [mask > 0.5 for mask in clip.masks]
-    given = {"mask": masks[0]} if own else {"masks": masks}
-    answers = list(track(laptop, clip.frames, intrinsics=clip.intrinsics, **given))
+    inputs = {"mask": masks[0]} if own else {"masks": masks}
+    answers = list(track(laptop, clip.frames, intrinsics=clip.intrinsics, **inputs))
     assert [answer.anew for answer in answers] == [True, *[False] * (FRAMES - 1)]
     assert float(errors(clip, answers).max()) < 10
     assert min(answer.overlap for answer in answers) > 0.8
@@ -67,7 +67,7 @@ def test_an_object_that_is_lost_is_looked_for_anew(laptop, clip):
     asked = []
     pose = laptop.pose
     tracker.model = type("Asked", (), {"__getattr__": lambda _, name: getattr(laptop, name)})()
-    tracker.model.pose = lambda *given, **named: (asked.append(named["box"]), pose(*given, **named))[1]
+    tracker.model.pose = lambda *args, **named: (asked.append(named["box"]), pose(*args, **named))[1]
     answer = tracker(np.random.default_rng(0).random(clip.frames[0].shape, np.float32))
     assert len(asked) == 1
     assert answer.overlap == 0.0  # nothing stands out in noise

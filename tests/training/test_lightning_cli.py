@@ -77,7 +77,7 @@ def started(monkeypatch, tmp_path):
         whole = getattr(Trainer, command)
 
         @functools.wraps(whole)
-        def begin(trainer, *given, **settings):
+        def begin(trainer, *args, **settings):
             trainers.append(trainer)
 
         monkeypatch.setattr(Trainer, command, begin)
@@ -174,11 +174,11 @@ def test_the_recipes_that_train_are_known():
 @pytest.fixture
 def messages():
     """Words that Lightning logs."""
-    seen, logger = [], logging.getLogger("lightning.pytorch.utilities.rank_zero")
+    recorded, logger = [], logging.getLogger("lightning.pytorch.utilities.rank_zero")
     handler = logging.Handler()
-    handler.emit = lambda record: seen.append(record.getMessage())
+    handler.emit = lambda record: recorded.append(record.getMessage())
     logger.addHandler(handler)
-    yield seen
+    yield recorded
     logger.removeHandler(handler)
 
 
@@ -198,9 +198,9 @@ def test_a_training_stops_early_and_is_validated_and_tested_without_noise(monkey
     trainers, whole = [], Trainer.fit
 
     @functools.wraps(whole)
-    def fit(trainer, *given, **settings):
+    def fit(trainer, *args, **settings):
         trainers.append(trainer)
-        return whole(trainer, *given, **settings)
+        return whole(trainer, *args, **settings)
 
     monkeypatch.setattr(Trainer, "fit", fit)
     # Warnings are errors here, so that it says none.

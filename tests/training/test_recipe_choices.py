@@ -35,9 +35,9 @@ def trainers(monkeypatch):
     kept, whole = [], Trainer.fit
 
     @wraps(whole)  # the command line reads the arguments off it
-    def fit(trainer, *given, **settings):
+    def fit(trainer, *args, **settings):
         kept.append(trainer)
-        return whole(trainer, *given, **settings)
+        return whole(trainer, *args, **settings)
 
     monkeypatch.setattr(Trainer, "fit", fit)
     return kept
