@@ -124,13 +124,13 @@ def write_bop(root):
     to_category = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
     sides = 1000 * np.abs(to_category.T) @ size
     low = np.array([10.0, -20.0, 30.0])
-    turned = rotation @ to_category
-    moved = 1000 * translation - turned @ (low + sides / 2)
+    rotated = rotation @ to_category
+    moved = 1000 * translation - rotated @ (low + sides / 2)
     scene = root / "test" / "000001"
     save(scene / "rgb" / "000003.png", picture_of(view))
     save(scene / "mask_visib" / "000003_000000.png", mask_of(view))
     save(scene / "depth" / "000003.png", (10 * depth_of(view)).astype(np.uint16))
-    annotation = {"3": [{"cam_R_m2c": turned.ravel().tolist(), "cam_t_m2c": moved.tolist(), "obj_id": 14}]}
+    annotation = {"3": [{"cam_R_m2c": rotated.ravel().tolist(), "cam_t_m2c": moved.tolist(), "obj_id": 14}]}
     (scene / "scene_gt.json").write_text(json.dumps(annotation))
     (scene / "scene_camera.json").write_text(json.dumps({"3": {"cam_K": K.ravel().tolist(), "depth_scale": 0.1}}))
     model = {
@@ -140,4 +140,4 @@ def write_bop(root):
     }
     (root / "models").mkdir()
     (root / "models" / "models_info.json").write_text(json.dumps({"14": model | {"diameter": 170.0}}))
-    return turned, moved
+    return rotated, moved

@@ -58,12 +58,12 @@ def test_a_free_turn_costs_nothing_where_it_is_one_for_the_whole_object() -> Non
     truth = 0.6 * (torch.rand(1, 3, 6, 6) - 0.5)
     mask = torch.ones(1, 1, 6, 6)
     turn = rotation_from_angles(torch.tensor(math.radians(120)), torch.tensor(0.0), torch.tensor(0.0))
-    turned = torch.einsum("ij,njhw->nihw", turn, truth)
+    rotated = torch.einsum("ij,njhw->nihw", turn, truth)
     free, fixed = CoordinateRegressor("y", **SMALL), CoordinateRegressor(**SMALL)
-    logits = logits_for(free, turned)
+    logits = logits_for(free, rotated)
     assert free.divergence(logits, truth, mask).item() < 1e-3
     assert fixed.divergence(logits, truth, mask).item() > 5
-    half = torch.cat([turned[..., :3], truth[..., 3:]], -1)
+    half = torch.cat([rotated[..., :3], truth[..., 3:]], -1)
     assert free.divergence(logits_for(free, half), truth, mask).item() > 2
 
 

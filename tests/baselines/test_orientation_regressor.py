@@ -55,8 +55,8 @@ def test_the_distance_is_one_less_the_cosine_of_the_rotation_error(symmetry: str
     regressor = OrientationRegressor(symmetry, hidden_dim=4, image_size=32)
     a, b = some_rotations(20, 1), some_rotations(20, 2)
     torch.testing.assert_close(regressor.distance(a, b), 1 - rotation_error(a, b, symmetry).cos())
-    turned = b @ rotation_from_angles(*torch.tensor([[1.0], [0.0], [0.0]], dtype=torch.float64))
-    same = torch.allclose(regressor.distance(a, b), regressor.distance(a, turned))
+    rotated = b @ rotation_from_angles(*torch.tensor([[1.0], [0.0], [0.0]], dtype=torch.float64))
+    same = torch.allclose(regressor.distance(a, b), regressor.distance(a, rotated))
     assert same == (symmetry == "y")
 
 

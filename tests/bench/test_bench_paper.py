@@ -201,9 +201,9 @@ def test_a_path_is_that_of_the_start_which_won():
 def test_a_hidden_handle_is_evaluated_by_the_axis():
     model = load("mug")
     views = held_out_views(model, 2, 0)
-    turned = views.rotation @ torch.tensor([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]], dtype=torch.float64)
+    rotated = views.rotation @ torch.tensor([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]], dtype=torch.float64)
     hidden = replace(views, visible=torch.tensor([True, False]))
-    assert fits.errors(turned, hidden, "mug").tolist() == pytest.approx([90, 0], abs=1e-4)
+    assert fits.errors(rotated, hidden, "mug").tolist() == pytest.approx([90, 0], abs=1e-4)
 
 
 @pytest.mark.parametrize("kind", ["brightness", "occlusion", "shift"])

@@ -13,7 +13,7 @@ from kfit.metrics.bop_errors import bop_errors
 POSE = {"cam_R_m2c": np.eye(3).ravel().tolist(), "cam_t_m2c": [0, 0, 1000], "obj_id": 5}
 
 
-def turned(degrees, axis=2):
+def rotated(degrees, axis=2):
     c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
     a, b = {0: (1, 2), 1: (2, 0), 2: (0, 1)}[axis]
     rotation = np.eye(3)
@@ -22,7 +22,7 @@ def turned(degrees, axis=2):
 
 
 def estimate(degrees, metres=(0, 0, 1), score=1.0, kind=5, axis=2):
-    return BOPEstimate(1, 2, kind, score, turned(degrees, axis), np.array(metres, float))
+    return BOPEstimate(1, 2, kind, score, rotated(degrees, axis), np.array(metres, float))
 
 
 @pytest.mark.parametrize(

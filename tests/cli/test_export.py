@@ -121,12 +121,12 @@ def test_a_bundled_model_is_exported_whole_and_its_warp_with_it(tmp_path: Path) 
     export_generator(SimilarityWarp(model.generator), tmp_path / "warped.onnx")
     inputs = pose(7, 16) | {"focal": 2 + torch.rand(7)}
     image = torch.rand(7, 3, 64, 64)
-    turned = {"roll": torch.randn(7), "shift": 0.2 * torch.randn(7, 2), "scale": 0.8 + 0.4 * torch.rand(7)}
+    rotated = {"roll": torch.randn(7), "shift": 0.2 * torch.randn(7, 2), "scale": 0.8 + 0.4 * torch.rand(7)}
     model.generator.train()  # looks at the whole box, as what is exported does
     with torch.no_grad():
         close(OnnxGenerator(tmp_path / "generator.onnx")(**inputs).image, model.generator(**inputs).image)
-        expected = SimilarityWarp(model.generator)(**inputs, **turned)
-        close(OnnxGenerator(tmp_path / "warped.onnx")(**inputs, **turned).image, expected.image)
+        expected = SimilarityWarp(model.generator)(**inputs, **rotated)
+        close(OnnxGenerator(tmp_path / "warped.onnx")(**inputs, **rotated).image, expected.image)
         for found, mean in zip(run(tmp_path / "encoder.onnx", image=image), model.encoder(image), strict=True):
             close(found, mean)
 

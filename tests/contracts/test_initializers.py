@@ -163,11 +163,11 @@ class TestAnInitializer:
 
     def test_gives_a_problem_the_same_numbers_alone_and_in_any_batch(self, build):
         together = starts(build(), observation())
-        turned = starts(build(), observation((13, 11, 12)))
+        rotated = starts(build(), observation((13, 11, 12)))
         alone = starts(build(), observation((12,)))
         for name, value in together.items():
             torch.testing.assert_close(value[6:12], alone[name])
-            torch.testing.assert_close(value[6:12], turned[name][12:])
+            torch.testing.assert_close(value[6:12], rotated[name][12:])
 
     def test_gives_the_same_numbers_for_the_same_seed(self, build):
         first, again = starts(build(), observation()), starts(build(), observation())

@@ -76,8 +76,8 @@ def test_places_that_cannot_be_get_a_sentence(tmp_path, monkeypatch, place, mess
 def test_another_stand_is_another_object_and_y_up_keeps_older_caches(tmp_path):
     path = write(tmp_path / "a.ply")
     (plain,) = source_identity([MeshFile(path)])
-    (turned,) = source_identity([MeshFile(path, up="z")])
-    assert turned == f"{plain} @z,x"
+    (rotated,) = source_identity([MeshFile(path, up="z")])
+    assert rotated == f"{plain} @z,x"
     assert "@" not in plain
 
 

@@ -19,17 +19,17 @@ def rotation(azimuth, elevation=0.3, roll=0.2):
 
 @pytest.mark.parametrize("fold", [2, 3, 4, 12])
 def test_turns_of_a_symmetric_object_are_no_error_and_others_are(fold):
-    turned = rotation(0.7) @ turns_about_y(fold)
-    assert rotation_error(rotation(0.7), turned, f"y{fold}").max() < 1e-7
+    rotated = rotation(0.7) @ turns_about_y(fold)
+    assert rotation_error(rotation(0.7), rotated, f"y{fold}").max() < 1e-7
     half = math.pi / fold
     assert rotation_error(rotation(0.7), rotation(0.7 + half), f"y{fold}").item() == pytest.approx(half)
     assert rotation_error(rotation(0.7), rotation(0.7 + half)).item() == pytest.approx(half)
 
 
 def test_a_rotation_vector_leads_to_the_nearest_pose_of_the_same_look():
-    turned = rotation(0.7 + math.pi + 0.1)
-    assert rotation_offset(turned, rotation(0.7), "y2").norm().item() == pytest.approx(0.1)
-    assert rotation_offset(turned, rotation(0.7), "none").norm().item() == pytest.approx(math.pi - 0.1)
+    rotated = rotation(0.7 + math.pi + 0.1)
+    assert rotation_offset(rotated, rotation(0.7), "y2").norm().item() == pytest.approx(0.1)
+    assert rotation_offset(rotated, rotation(0.7), "none").norm().item() == pytest.approx(math.pi - 0.1)
 
 
 @pytest.mark.parametrize("fold", [2, 4])

@@ -5,17 +5,17 @@ from kfit.geometry import rotation_from_angles
 from kfit.metrics import rotation_error_deg, scale_agnostic_translation_error, summary, translation_error_cm
 
 
-def turned(azimuth: float, elevation: float = 0.0) -> torch.Tensor:
+def rotated(azimuth: float, elevation: float = 0.0) -> torch.Tensor:
     values = (torch.tensor(v, dtype=torch.float64) for v in (azimuth, elevation, 0.0))
     return rotation_from_angles(*values)
 
 
 def test_a_quarter_turn_is_ninety_degrees() -> None:
-    assert float(rotation_error_deg(turned(torch.pi / 2), turned(0))) == pytest.approx(90)
+    assert float(rotation_error_deg(rotated(torch.pi / 2), rotated(0))) == pytest.approx(90)
 
 
 def test_a_bottle_turned_about_itself_has_no_error() -> None:
-    assert float(rotation_error_deg(turned(2, 0.1), turned(0, 0.1), "y")) == pytest.approx(0, abs=1e-6)
+    assert float(rotation_error_deg(rotated(2, 0.1), rotated(0, 0.1), "y")) == pytest.approx(0, abs=1e-6)
 
 
 def test_translation_errors_are_in_centimetres() -> None:

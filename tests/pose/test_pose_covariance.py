@@ -92,15 +92,15 @@ def test_seven_pictures_are_drawn_once_and_only_when_asked(tiny_model: CategoryM
 def test_an_offset_turns_the_answer_on_the_left_about_the_camera_s_axes() -> None:
     answer = torch.from_numpy(Rotation.random(rng=np.random.default_rng(0)).as_matrix())
     vectors = torch.tensor([[0.3, -0.2, 0.1], [1e-5, 0, 0], [0, 2.0, 1.0]], dtype=torch.float64)
-    turned = torch.from_numpy(Rotation.from_rotvec(vectors.numpy()).as_matrix()) @ answer
-    torch.testing.assert_close(rotation_offset(turned, answer[None], "none"), vectors, atol=1e-7, rtol=1e-6)
+    rotated = torch.from_numpy(Rotation.from_rotvec(vectors.numpy()).as_matrix()) @ answer
+    torch.testing.assert_close(rotation_offset(rotated, answer[None], "none"), vectors, atol=1e-7, rtol=1e-6)
     # With symmetry, the part that moves the axis.
-    spun = turned @ torch.from_numpy(Rotation.from_rotvec([0, 1.2, 0]).as_matrix())
+    spun = rotated @ torch.from_numpy(Rotation.from_rotvec([0, 1.2, 0]).as_matrix())
     small = rotation_offset(spun, answer[None], "y")
     assert (small @ answer[:, 1]).abs().max() < 1e-9
-    torch.testing.assert_close(small, rotation_offset(turned, answer[None], "y"))
+    torch.testing.assert_close(small, rotation_offset(rotated, answer[None], "y"))
     back = torch.from_numpy(Rotation.from_rotvec(small.numpy()).as_matrix()) @ answer
-    torch.testing.assert_close(back[..., 1], turned[..., 1])
+    torch.testing.assert_close(back[..., 1], rotated[..., 1])
 
 
 def test_errors_of_fits_to_noisy_pictures_have_this_covariance(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -114,10 +114,10 @@ def test_errors_of_fits_to_noisy_pictures_have_this_covariance(monkeypatch: pyte
     values = {name: value.double().expand(4000, *value.shape[1:]) for name, value in fit.values.items()}
     values |= {name: values[name] + steps[:, n] for n, name in enumerate(NAMES)}
     values |= {"shift": values["shift"] + steps[:, 3:5], "scale": values["scale"] * steps[:, 5].exp()}
-    (true, place, _), (turned, places, _) = (
+    (true, place, _), (rotated, places, _) = (
         placement(v, observed_of().crop, CAMERA, card) for v in (fit.values, values)
     )
-    errors = torch.cat([rotation_offset(turned, true, "none"), places - place], 1)
+    errors = torch.cat([rotation_offset(rotated, true, "none"), places - place], 1)
     deviations = found.diagonal().sqrt()
     sample = errors.mT @ errors / 4000 / deviations[:, None] / deviations
     torch.testing.assert_close(found / deviations[:, None] / deviations, sample, atol=0.1, rtol=0)

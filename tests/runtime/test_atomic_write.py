@@ -19,7 +19,7 @@ def _fails(path: Path) -> None:
 
 
 def test_all_are_written_into_a_folder_that_was_not_there(tmp_path):
-    made = atomic_write(tmp_path / "a" / "b", {"one": _writes("1"), "two": _says("2")})
+    made = atomic_write(tmp_path / "a" / "b", {"one": _writes("1"), "two": _writes("2")})
     assert [path.read_text() for path in made] == ["1", "2"]
     assert sorted(p.name for p in (tmp_path / "a" / "b").iterdir()) == ["one", "two"]
 
@@ -36,9 +36,9 @@ def test_what_finds_nothing_to_write_is_left_out(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_an_absolute_path_is_written_where_it_writes(tmp_path):
+def test_an_absolute_path_is_written_where_it_says(tmp_path):
     elsewhere = tmp_path / "c" / "two"
-    assert atomic_write(tmp_path / "a", {"one": _writes("1"), str(elsewhere): _says("2")}) == [
+    assert atomic_write(tmp_path / "a", {"one": _writes("1"), str(elsewhere): _writes("2")}) == [
         tmp_path / "a/one",
         elsewhere,
     ]

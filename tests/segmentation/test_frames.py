@@ -48,8 +48,8 @@ def test_a_phones_clip_is_turned_upright(tmp_path):
     path = clip(tmp_path / "clip.mp4")
     data = bytearray(path.read_bytes())
     matrix = data.index(b"tkhd") + 44  # of version 0: rows (a, b, u), (c, d, v), (x, y, w)
-    turned = [0, 1 << 16, 0, -(1 << 16), 0, 0, 32 << 16, 0, 1 << 30]  # by 90°, clockwise
-    data[matrix : matrix + 36] = b"".join(number.to_bytes(4, "big", signed=True) for number in turned)
+    rotated = [0, 1 << 16, 0, -(1 << 16), 0, 0, 32 << 16, 0, 1 << 30]  # by 90°, clockwise
+    data[matrix : matrix + 36] = b"".join(number.to_bytes(4, "big", signed=True) for number in rotated)
     path.write_bytes(data)
     image = next(iter(Frames.of(path))).photo.image
     assert image.shape == (48, 32, 3)

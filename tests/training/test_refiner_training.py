@@ -121,8 +121,8 @@ def test_losses_are_least_at_the_true_update_and_ignore_free_turns():
     for name, value in sample.losses(exact._replace(rotation=exact.rotation + 0.1)).items():
         assert value > least[name] if name in ("tilt", "turn") else value == least[name]
     free = sample._replace(free_turn=torch.ones(4))
-    turned = exact.rotation + torch.tensor([0.0, 0.5, 0.0])
-    assert free.losses(exact._replace(rotation=turned))["turn"] == free.losses(exact)["turn"]
+    rotated = exact.rotation + torch.tensor([0.0, 0.5, 0.0])
+    assert free.losses(exact._replace(rotation=rotated))["turn"] == free.losses(exact)["turn"]
     wrong = sample._replace(error=torch.full((4,), math.pi))
     assert wrong.losses(exact)["right"] > least["right"]
     assert wrong.losses(exact)["tilt"] == 0
