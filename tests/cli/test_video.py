@@ -12,11 +12,13 @@ import numpy as np
 import pytest
 import torch
 from skimage.io import imsave
+from tiny_model import TINY, write_tiny
 
 from kfit.bench.held_out_clip import Clip, held_out_clip
 from kfit.cli.main import main
 from kfit.geometry import rotation_error
 from kfit.models import load
+from kfit.pose import CategoryModel
 
 FRAMES = 4
 CAMERA = ["--intrinsics", "384", "384", "159.5", "119.5"]
@@ -55,6 +57,36 @@ def num_pictures(path: Path) -> int:
     return number
 
 
+@pytest.fixture
+def short_model(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A small untrained model with a pose head, whose own fit is short."""
+    sizes = {"channels": [8, 8, 8, 8], "hidden_dim": 8}
+    head = {"class_path": "kfit.generators.PoseHead", "init_args": sizes}
+    pipeline = CategoryModel.pipeline
+    monkeypatch.setattr(CategoryModel, "pipeline", lambda self, **settings: pipeline(self, 2, 1, **settings))
+    return write_tiny(tmp_path / "tiny.safetensors", networks={**TINY, "pose_head": head})
+
+
+def test_each_frame_of_a_folder_gets_an_entry(
+    short_model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for number in range(3):
+        picture = np.full((48, 64, 3), 255, np.uint8)
+        picture[10:40, 15 + number : 45 + number] = (200, 60, 40)
+        for folder, pixels in {"frames": picture, "masks": np.uint8(255) * (picture[..., 1] < 255)}.items():
+            (tmp_path / folder).mkdir(exist_ok=True)
+            imsave(tmp_path / folder / f"{number}.png", pixels, check_contrast=False)
+    selection = ["--model", str(short_model), "--masks", str(tmp_path / "masks")]
+    main(["video", str(tmp_path / "frames"), *selection, "--out", str(tmp_path / "out")])
+    assert len(capsys.readouterr().out.splitlines()) == 1
+    saved, frames = answers(tmp_path / "out")
+    assert [frame["frame"] for frame in frames] == [0, 1, 2]
+    assert frames[0]["anew"]
+    assert all(len(frame["rotation"]) == len(frame["size"]) == 3 for frame in frames if frame["found"])
+    assert saved["summary"]["frames"] == num_pictures(tmp_path / "out/overlay.webm") == 3
+
+
+@pytest.mark.slow
 def test_a_clip_is_followed(videos: Path, truth: Clip, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     mask = str(videos / "masks/8.png")
     main(["video", str(videos / "clip.mp4"), "--category", "laptop", "--mask", mask, "--out", str(tmp_path), *CAMERA])
