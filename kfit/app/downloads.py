@@ -43,8 +43,15 @@ def write_downloads(folder: Path, result: PoseResult, command: str, snippet: str
     return dict(zip(writers, atomic_write(folder, writers), strict=True))
 
 
-def snippet_of(photo: str, category: str, camera: tuple[float, float, float, float] | None, depth: str | None) -> str:
-    """Write a Python program that repeats an answer, with the photo and the downloaded mask in its folder."""
+def snippet_of(photo: str, model: str, camera: tuple[float, float, float, float] | None, depth: str | None) -> str:
+    """Write a Python program that repeats an answer, with the photo and the downloaded mask in its folder.
+
+    Args:
+        photo: name of the photo.
+        model: category of a bundled model, or path of another model's file.
+        camera: fx, fy, cx and cy in pixels.
+        depth: name of the depth map.
+    """
     lines = [f"image = read_photo({photo!r})"]
     words = ["mask=imread('mask.png')"]
     if camera is not None:
@@ -65,7 +72,7 @@ def snippet_of(photo: str, category: str, camera: tuple[float, float, float, flo
             f"from kfit.segmentation import {', '.join(names)}",
             "",
             *lines,
-            f"[result] = kfit.find_poses(image, {category!r}, {', '.join(words)})",
+            f"[result] = kfit.find_poses(image, kfit.load({model!r}), {', '.join(words)})",
             "print(result.rotation, result.translation, result.size, result.confidence)",
             'kfit.report(result, "report.html")',
             "",

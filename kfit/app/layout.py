@@ -14,9 +14,8 @@ from kfit.models.load import bundled
 from kfit.reports.scene import VIEWER
 
 HERE = Path(__file__).parent
-HEAD = """<div class="kfit-head"><h1>kfit: fit a picture</h1><p>Finds where a mug, laptop, bottle, bowl, can or camera
-is and how it is turned, from one photo: a drawing of it is moved until it explains what is seen. Everything stays on
-this machine.</p></div>"""
+HEAD = """<div class="kfit-head"><h1>kfit: fit a picture</h1><p>Finds where a {names} is and how it is turned, from one
+photo: a drawing of it is moved until it explains what is seen. Everything stays on this machine.</p></div>"""
 
 
 class Layout:
@@ -28,8 +27,9 @@ class Layout:
 
     def __init__(self, categories: Iterable[str] = ()) -> None:
         plain = {"elem_classes": ["kfit-plain"]}
+        known = list(dict.fromkeys([*bundled(), *categories]))
         self.token = gr.Textbox(visible="hidden", label="visit")
-        gr.HTML(HEAD, **plain)
+        gr.HTML(HEAD.format(names=f"{', '.join(known[:-1])} or {known[-1]}"), **plain)
         self.steps = gr.HTML(views.steps(0), **plain)
         with gr.Row():
             with gr.Column(min_width=300):
@@ -53,7 +53,7 @@ class Layout:
                     self.other = gr.Button("Another photo", size="sm", min_width=120)
                     self.mask = gr.UploadButton("Upload a mask", file_types=ENDINGS, size="sm", min_width=120)
             with gr.Column(min_width=300, visible=False) as self.right:
-                self.category = gr.Radio(list(dict.fromkeys([*bundled(), *categories])), label="What is it?")
+                self.category = gr.Radio(known, label="What is it?")
                 with gr.Accordion("Camera and depth, if you know them", open=False):
                     self.camera = gr.Textbox(
                         label="Intrinsics in pixels: fx fy cx cy", placeholder="by EXIF tags, else estimated"

@@ -17,7 +17,7 @@ from typing import Any
 from kfit.app.sessions import Sessions
 from kfit.app.uploads import LARGEST_FILE
 from kfit.core.check import check_count
-from kfit.models import read_card
+from kfit.models import load
 from kfit.runtime.browser import has_screen
 
 LOOPBACK = ("127.0.0.1", "localhost")
@@ -66,17 +66,18 @@ def serve(host: str, port: int | None, models: Sequence[str] = ()) -> None:
     Args:
         host: address to listen at.
         port: by default the first free one from 7860 on.
-        models: paths of models, each instead of the bundled one of its category.
+        models: paths of models, of categories of their own or in place of bundled models.
 
     Raises:
+        FileNotFoundError: if there is no such model.
         ImportError: where Gradio is not installed.
-        ValueError: for a port out of range.
+        ValueError: for a port out of range, a damaged model, or two models of one category.
         OSError: if the host is not an address of this machine, or the port is taken.
     """
     if port is not None:
         check_count("--port", port, 1, 65535)
     _check_host(host)
-    known = {read_card(path).category: path for path in models}
+    known = _by_category(models)
     os.environ.update(SWITCHES)
     remove_left(Path(gettempdir()))
     with TemporaryDirectory(prefix=f"{PREFIX}{os.getpid()}-") as folder:
@@ -127,6 +128,18 @@ def serve(host: str, port: int | None, models: Sequence[str] = ()) -> None:
             Event().wait()
         except KeyboardInterrupt:
             blocks.close(verbose=False)
+
+
+def _by_category(models: Sequence[str]) -> dict[str, str]:
+    """Return the paths of models by their categories; all are read once, so that errors come before the page."""
+    found: dict[str, str] = {}
+    for path in models:
+        if Path(path).suffix != ".safetensors":
+            raise ValueError(f"--models must name .safetensors files, got {path}")
+        other = found.setdefault(load(path).card.category, path)
+        if other != path:
+            raise ValueError(f"--models must have a category each, but {other} and {path} are of the same one")
+    return found
 
 
 def _check_host(host: str) -> None:

@@ -213,7 +213,7 @@ class Session:
         """
         self._photo_or_error()
         depth = self._depth_name if self.depth is not None else None
-        snippet = snippet_of(self._name, result.category, camera, depth)
+        snippet = snippet_of(self._name, self.models.get(result.category, result.category), camera, depth)
         return write_downloads(self.folder, result, self.command(result.category, camera), snippet)
 
     def clear(self) -> None:

@@ -15,8 +15,9 @@ def parser() -> ArgumentParser:
         "is watched and its answer turned in 3D; report, numbers, picture, mesh and a program that repeats it "
         "can be downloaded. Photos stay on this machine, in memory, and are forgotten a minute after the page is "
         "closed. Needs: pip install 'kfit[app]'.",
-        epilog="""example:
-  kfit app --port 8000""",
+        epilog="""examples:
+  kfit app --port 8000
+  kfit app --models teapot.safetensors""",
     )
     parser.add_argument("--port", type=int, default=None, help="port to listen at; the first free one from 7860")
     parser.add_argument(
@@ -28,10 +29,10 @@ def parser() -> ArgumentParser:
     )
     parser.add_argument(
         "--models",
-        type=list[str],
+        type=list[str] | str,
         default=[],
         metavar="[FILE.safetensors,…]",
-        help="models of your own, each instead of the bundled one of its category",
+        help="one or several models of your own, of categories of your own or in place of bundled models",
     )
     return parser
 
@@ -40,4 +41,4 @@ def run(args: Namespace) -> None:
     """Serve the page until Ctrl-C."""
     from kfit.app.serve import serve
 
-    serve(args.host, args.port, args.models)
+    serve(args.host, args.port, [args.models] if isinstance(args.models, str) else args.models)

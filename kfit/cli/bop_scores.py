@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jsonargparse import Namespace
@@ -26,9 +27,11 @@ def run(args: Namespace) -> None:
     from kfit.runtime.atomic_write import atomic_write
 
     estimates = [one for place in args.predictions for file in _files(Path(place)) for one in read_bop_results(file)]
+    if not estimates:
+        raise ValueError(f"{', '.join(args.predictions)}: there are no results")
     root = Path(args.bop)
-    kinds = {one.obj_id for one in estimates}
-    errors = bop_errors(estimates, read_truths(root, args.split), read_models(root), sorted(kinds))
+    kinds, truths = {one.obj_id for one in estimates}, read_truths(root, args.split)
+    errors = bop_errors(estimates, truths, read_models(root), sorted(kinds))
     if not errors:
         raise ValueError(f"{args.bop}/{args.split} has none of the objects {', '.join(map(str, sorted(kinds)))}")
     header = [f"{degrees:g}° {centimetres:g} cm" for degrees, centimetres in THRESHOLDS]
@@ -45,6 +48,24 @@ def run(args: Namespace) -> None:
     write_bop_results(folder / "bop.csv", sorted(estimates, key=_place))
     log.info("wrote %s", folder / "bop.csv")
     table_console(100).print(table)
+    for note in _notes(truths, estimates):
+        print(note)
+
+
+def _notes(
+    truths: Mapping[tuple[int, int], Sequence[Mapping[str, Any]]], estimates: Sequence[BOPEstimate]
+) -> list[str]:
+    """Sentences about what the results leave out."""
+    kinds = {one.obj_id for one in estimates}
+    absent = sorted({int(thing["obj_id"]) for things in truths.values() for thing in things} - kinds)
+    shown = {place for place, things in truths.items() if any(int(thing["obj_id"]) in kinds for thing in things)}
+    missing = len(shown - {(one.scene_id, one.im_id) for one in estimates})
+    notes = []
+    if absent:
+        notes.append(f"Not counted, as the results name them nowhere: objects {', '.join(map(str, absent))}.")
+    if missing:
+        notes.append(f"{missing} of {len(shown)} images with these objects have no results; they count as not found.")
+    return notes
 
 
 def _files(place: Path) -> list[Path]:

@@ -80,6 +80,8 @@ def run(args: Namespace) -> None:
 
         bop_scores.run(args)
         return
+    if csv := [place for place in args.predictions if place.endswith(".csv")]:
+        raise ValueError(f"{csv[0]} holds results in BOP's format; name the data set by --bop FOLDER")
     if args.scale_agnostic and args.poses != "pred_RTs":
         raise ValueError("--scale-agnostic needs sizes that belong to the poses: leave --poses out")
 

@@ -80,7 +80,8 @@ def _objects(category: Category, args: Namespace) -> Iterator[tuple[str, Mesh, L
     log.info("%d meshes, %d of them drawn", len(files), min(len(files), args.objects))
     for file in files[: args.objects]:
         mesh = with_exposure(file.mesh(), two_sided=None)
-        yield f"{file.path.name}, up {file.up}, front {file.front}", mesh, Light.random(np.random.default_rng(0))
+        name = "/".join(file.path.parts[-2:])  # many files of folders for each object are called model.obj
+        yield f"{name}, up {file.up}, front {file.front}", mesh, Light.random(np.random.default_rng(0))
 
 
 def _write(path: Path, content: bytes) -> None:

@@ -24,6 +24,8 @@ from kfit.runtime.atomic_write import atomic_write
 
 COLUMNS = ("scene_id", "im_id", "obj_id", "score", "R", "t", "time")
 _LARGEST = 500_000_000
+# A rotation's R R^T is that near to the identity, as files round; no camera sees objects within some millimetres.
+_ROUNDED, _NEAREST_MM = 0.05, 10.0
 
 
 @dataclass(frozen=True)
@@ -179,7 +181,7 @@ def read_bop_results(path: str | Path) -> list[BOPEstimate]:
 
     Raises:
         FileNotFoundError: if there is none.
-        ValueError: If a line cannot be read; the message names it.
+        ValueError: If a line cannot be read or holds no pose, which the message names, or translations are in metres.
     """
     path = Path(path)
     if not path.is_file():
@@ -197,12 +199,22 @@ def read_bop_results(path: str | Path) -> list[BOPEstimate]:
                 one = BOPEstimate(
                     scene, image, kind, float(row[3]), rotation.reshape(3, 3), translation / 1000, float(row[6])
                 )
-                if one.translation.shape != (3,) or not math.isfinite(one.score):
-                    raise ValueError("t must hold three numbers, and the score be finite")
+                _check_estimate(one)
             except (ValueError, IndexError) as error:
                 raise ValueError(f"{path}, line {number} is no result of BOP ({','.join(COLUMNS)}): {error}") from None
             found.append(one)
+    lengths = [1000 * float(np.linalg.norm(one.translation)) for one in found]
+    if lengths and max(lengths) < _NEAREST_MM:
+        raise ValueError(f"{path}: t must be in millimetres, but no object is farther than {max(lengths):.2g} mm")
     return found
+
+
+def _check_estimate(one: BOPEstimate) -> None:
+    if one.translation.shape != (3,) or not np.isfinite(one.translation).all() or not math.isfinite(one.score):
+        raise ValueError("t must hold three finite numbers, and the score be finite")
+    off = np.abs(one.rotation @ one.rotation.T - np.eye(3)).max()
+    if not (off < _ROUNDED and np.linalg.det(one.rotation) > 0):
+        raise ValueError("R is no rotation")
 
 
 def _json(file: Path) -> Mapping[str, Any]:

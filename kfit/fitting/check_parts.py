@@ -42,6 +42,11 @@ def check_parts(
             )
         remedy = "" if isinstance(term, type) else "a function or loss becomes an energy by a subclass with `compare`"
         check_kind(f"energies.{name}", term, Energy, Prior, remedy=remedy)
+        if isinstance(term, Energy) and type(term).forward is not Energy.forward:
+            raise TypeError(
+                f"energies.{name}: {type(term).__name__} has a `forward` of its own, which a fit does not call: define "
+                "`compare` (and `prepare`)"
+            )
     _check_list("initializers", initializers, Initializer)
     foreign = torch.optim.Optimizer
     remedy = "kfit.optimizers.TorchOptimizer wraps classes of torch.optim"
@@ -115,13 +120,16 @@ def check_kind(name: str, value: Any, *kinds: type, remedy: str = "") -> None:
 
 
 def check_observation(observation: Any) -> None:
-    """Refuse anything but an observation.
+    """Refuse anything but an observation of at least one problem.
 
     Raises:
         TypeError: naming the actual type.
+        ValueError: if it has no picture.
     """
     remedy = "kfit.core.Observation(picture) makes one" if isinstance(observation, Tensor) else ""
     check_kind("observation", observation, Observation, remedy=remedy)
+    if observation.num_problems == 0:
+        raise ValueError("observation must hold at least one picture, got none")
 
 
 def check_callbacks(callbacks: Any) -> None:

@@ -111,18 +111,20 @@ class FitPipeline(nn.Module):
         self.optimizer = with_frozen_networks(optimizer)
         self.weights: dict[str, float | Schedule] = {**dict.fromkeys(energies, 1.0), **(weights or {})}
         self.rank_weights = rank_weights
-        self.selector = selector or LowestEnergy()
-        self.callbacks = tuple(callbacks)
-        self.num_starts, self.num_steps, self.min_overlap = num_starts, num_steps, min_overlap
-        self.history = history
+        self.selector, self.callbacks = selector or LowestEnergy(), tuple(callbacks)
+        self.num_starts, self.num_steps, self.history, self.min_overlap = num_starts, num_steps, history, min_overlap
         self.num_candidates = num_starts if num_candidates is None else num_candidates
         if not any((rank_weights or self.weights_at(num_steps)).values()):
             raise ValueError("rank_weights must hold a number other than 0, or no start is better than another")
-        # Initializers and optimizers are not modules: their networks are registered here, so that `to` moves them too.
+        # Initializers and optimizers are no modules: their networks are registered here, so that `to` moves them too.
         self.networks = nn.ModuleList(chain.from_iterable(map(networks_of, (*self.initializers, self.optimizer))))
         self.eval()
         zeros = {name: torch.zeros(2, *v.raw_shape) for name, v in generator.variables.items()}
         check_memory(optimizer, optimizer.init(zeros, torch.zeros(2, dtype=torch.long)), 2)
+
+    def extra_repr(self) -> str:
+        """Return the parts that are no modules, and the numbers, one a line."""
+        return "\n".join(f"{k}={v!r}" for k, v in vars(self).items() if k[0] != "_" and k != "training")
 
     def train(self, mode: bool = True) -> FitPipeline:
         """Stay in evaluation mode, also inside of a module in training, because the networks are frozen."""
@@ -208,8 +210,6 @@ class FitPipeline(nn.Module):
     def _fit(
         self, observation: Observation, seed: int | None, starts: Variables | None, callbacks: Sequence[Callback]
     ) -> FitResult:
-        if observation.num_problems == 0:
-            raise ValueError("observation must hold at least one picture, got none")
         seed = int(torch.randint(2**31, ())) if seed is None else seed
         prepared = PreparedTerms(self.generator, self.terms, observation)
         variables = self.generator.variables

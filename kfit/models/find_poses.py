@@ -15,7 +15,7 @@ from kfit.models.load import load
 from kfit.pose import CategoryModel, PoseResult
 from kfit.pose.inputs import as_photo
 from kfit.pose.object_finder import FoundObject
-from kfit.pose.targets import find_targets, with_score
+from kfit.pose.targets import find_targets, is_unexplained, smaller_targets, with_score
 from kfit.segmentation import Box, Photo, Segmenter, load_segmenter, read_photo
 
 
@@ -86,17 +86,29 @@ def pose_of(
     callbacks: Sequence[Callback] = (),
     ignore: NDArray[Any] | None = None,
 ) -> PoseResult:
-    """The pose of one object that was found; arguments as those of `kfit.pose.CategoryModel.pose`."""
-    answer = model.pose(
-        photo,
-        intrinsics=intrinsics,
-        depth=depth,
-        ignore=ignore,
-        segmenter=target,
-        seed=seed,
-        pipeline=pipeline,
-        callbacks=callbacks,
-    )
+    """The pose of one object that was found; arguments as those of `kfit.pose.CategoryModel.pose`.
+
+    If the drawing explains the picture poorly, the mask may hold a part of something else. Then the fit is repeated
+    without each of the parts that stick out of the object; where the drawing explains what is left, that is the answer.
+    """
+
+    def fitted(segmenter: Segmenter) -> PoseResult:
+        return model.pose(
+            photo,
+            intrinsics=intrinsics,
+            depth=depth,
+            ignore=ignore,
+            segmenter=segmenter,
+            seed=seed,
+            pipeline=pipeline,
+            callbacks=callbacks,
+        )
+
+    answer = fitted(target)
+    if not target.given and is_unexplained(model.card, answer):
+        parts = [fitted(smaller) for smaller in smaller_targets(target)]
+        best = min(parts, key=lambda part: part.energy, default=answer)
+        answer = answer if is_unexplained(model.card, best) else best
     return with_score(answer, target)
 
 

@@ -198,7 +198,10 @@ def _filled(settings: Any, name: str, numbers: Mapping[Any, Any], path: Path) ->
     cannot import code or call functions. Networks larger than the file's numbers are refused.
     """
     if not (isinstance(settings, dict) and isinstance(settings.get("class_path"), str)):
-        raise ValueError(f"{path} names no class for the {name}")
+        raise ValueError(
+            f"{path} names no class for the {name}: networks built in Python are not written by name, so train by a "
+            "recipe or write the model with kfit.models.write_model"
+        )
     named = repr(settings["class_path"][:100])
     own = {key.removeprefix(f"{name}."): t for key, t in numbers.items() if str(key).startswith(f"{name}.")}
     settings = current_paths(settings)

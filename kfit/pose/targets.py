@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from kfit.features.category_classifier import NAMES
 from kfit.geometry import CATEGORIES
+from kfit.pose.card import Card
 from kfit.pose.inputs import choose_mask
 from kfit.pose.object_finder import FoundObject, ObjectFinder, box_of
 from kfit.pose.result import PoseResult
-from kfit.segmentation import Box, Detector, Photo, Segment, Segmenter, mask_from_alpha
+from kfit.segmentation import Box, Detector, Photo, Segment, Segmenter, mask_from_alpha, without_protrusions
 
 # Factor by which naming a category increases the odds from the picture.
 NAMED = 4.0
@@ -65,7 +66,8 @@ def find_targets(
     segment = choose_mask(photo.image, mask, box, alpha, segmenter, category or "object")
     if mask is not None:
         segment = replace(segment, doubts=segment.doubts + _doubts(finder, photo, segment.mask))
-    return [_classified(finder, photo, segment, category)]
+    given = mask is not None or (alpha is not None and box is None and segmenter is None)
+    return [replace(_classified(finder, photo, segment, category), given=given)]
 
 
 def with_score(result: PoseResult, target: FoundObject) -> PoseResult:
@@ -86,6 +88,26 @@ def with_score(result: PoseResult, target: FoundObject) -> PoseResult:
             f"by its look this is a {target.category} with a probability of {percent}, which the confidence includes"
         )
     return replace(result, confidence=target.score * result.confidence, notes=notes, category_score=target.score)
+
+
+def is_unexplained(card: Card, answer: PoseResult) -> bool:
+    """Return whether an answer's energy is above that of 99 % of the views on which its model was calibrated."""
+    known = card.calibration.get("RGB")
+    return known is not None and answer.calibrated and answer.energy > known.energy_99
+
+
+def smaller_targets(target: FoundObject) -> list[FoundObject]:
+    """Return the object with each of the parts that stick out of its mask left out, with a doubt about it."""
+    before, found = float((target.segment.mask > 0.5).sum()), []
+    for mask in without_protrusions(target.segment.mask):
+        share = 1 - float((mask > 0.5).sum()) / before
+        doubt = (
+            f"a part that sticks out of the mask, {100 * share:.0f} % of it, was left out because the drawing explains "
+            "the rest much better; the confidence is 50 % at most"
+        )
+        segment = replace(target.segment, mask=mask, doubts=(*target.segment.doubts, doubt))
+        found.append(replace(target, box=box_of(mask), segment=segment))
+    return found
 
 
 def _detected(photo: Photo, detector: Detector) -> list[FoundObject]:

@@ -12,6 +12,7 @@ from kfit.segmentation.object_detector import ObjectDetector
 from kfit.segmentation.object_mask import ObjectMask
 from kfit.segmentation.onnx_network import OnnxNetwork
 from kfit.segmentation.photo import Photo, depth_from_file, mask_from_alpha, mask_from_file, read_photo
+from kfit.segmentation.protrusions import without_protrusions
 from kfit.segmentation.salient_object import SalientObject
 from kfit.segmentation.segmenter import Box, Segment, Segmenter
 from kfit.segmentation.yolo_seg import YoloSeg
@@ -44,4 +45,5 @@ __all__ = [
     "nocs_detections",
     "pictures",
     "read_photo",
+    "without_protrusions",
 ]

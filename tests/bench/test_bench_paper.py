@@ -66,8 +66,8 @@ def test_the_page_shows_every_row_with_failures_as_the_worst(how):
     text = page(found, list(TABLES), categories, how, "kfit bench paper --views 4")
     rows = [line for line in text.splitlines() if line.startswith("| compact VAE2D (w/o 3D)")]
     assert rows == 2 * [
-        "| compact VAE2D (w/o 3D) | 0.0600 | 0.0500 | 0.0400 | 28.5° | 25 [0, 75] | 50 [0, 100] | 50 [0, 100] "
-        "| 75 [25, 100] | 3.0 cm | 0.109 | 1.8 | 90.2 | 0 [0, 0] | open |"
+        "| compact VAE2D (w/o 3D) | 0.0600 | 0.0500 | 0.0400 | 28.5° | 25 [5, 70] | 50 [15, 85] | 50 [15, 85] "
+        "| 75 [30, 95] | 3.0 cm | 0.109 | 1.8 | 90.2 | 0 [0, 0] | open |"
     ]
     assert "`kfit bench paper --views 4`" in text
     drawn = figures(found, list(TABLES), categories)
@@ -88,7 +88,7 @@ def test_rows_that_are_not_measured_yet_are_dashes_and_have_no_figures(how):
 
 def test_backbones_stand_beside_their_arithmetic(how):
     text = page(made_up(["backbone"], ["laptop"]), ["backbone"], ["laptop"], how, "kfit")
-    shares = "28.5° | 25 [0, 75] | 50 [0, 100] | 50 [0, 100] | 75 [25, 100] | 3.0 cm | 0.45 |"
+    shares = "28.5° | 25 [5, 70] | 50 [15, 85] | 50 [15, 85] | 75 [30, 95] | 3.0 cm | 0.45 |"
     assert f"| RadianceField | 0.0600 | 0.0500 | 0.0400 | {shares}" in text
     assert f"| RadianceField, kfit's own fit | – | – | – | {shares}" in text
     assert drawings.multiply_adds(VAE3D()) == pytest.approx(0.45e9, rel=0.02)
@@ -133,17 +133,40 @@ def test_variants_differ_from_their_recipes_in_what_the_recipes_have(name, how):
     assert words[words.index("--trainer.limit_train_batches") + 1] == "2"  # 12 steps in six parts
 
 
-def test_what_is_trained_is_not_trained_again_and_what_is_half_trained_goes_on(how, monkeypatch):
-    called = []
-    monkeypatch.setattr(variants.Training, "_run", staticmethod(lambda words, log: called.append(words)))
+@pytest.fixture
+def trainings(how, monkeypatch):
+    """Words of each training of a mug's generator that is begun, and what sets how far it gets."""
     folder = how.training.folder("full", "mug") / "lightning_logs" / "version_0" / "checkpoints"
     folder.mkdir(parents=True)
-    torch.save({"global_step": 6}, folder / "last.ckpt")
-    assert how.training.trained("full", "mug") == folder / "last.ckpt"
-    assert called[0][-2:] == ["--ckpt_path", str(folder / "last.ckpt")]
-    torch.save({"global_step": 12}, folder / "last.ckpt")
+    called = []
+
+    def reached(steps):
+        torch.save({"global_step": steps}, folder / "last.ckpt")
+
+    monkeypatch.setattr(variants.Training, "_run", staticmethod(lambda words, log: called.append(words) or reached(12)))
+    return called, reached
+
+
+def test_what_is_trained_is_not_trained_again_and_what_is_half_trained_goes_on(how, trainings):
+    called, reached = trainings
+    reached(6)
+    last = how.training.trained("full", "mug")
+    assert called[0][-2:] == ["--ckpt_path", str(last)]
     how.training.trained("full", "mug")
     assert len(called) == 1
+
+
+def test_a_training_with_other_settings_is_not_taken_for_this_one(how, trainings):
+    how.training.trained("full", "mug")
+    for other, changed in (({"steps": 6}, "train-steps"), ({"steps": 24, "objects": 9}, "train-steps and objects")):
+        with pytest.raises(ValueError, match=f"full was trained with another {changed}; choose another --runs"):
+            replace(how.training, **other).trained("full", "mug")
+    assert len(trainings[0]) == 1
+
+
+def test_a_training_that_ends_early_is_no_result(how, trainings):
+    with pytest.raises(RuntimeError, match="was trained for 12 steps instead of 18; give more --objects"):
+        replace(how.training, steps=18).trained("full", "mug")
 
 
 def test_a_unit_is_measured_once_for_the_same_settings(how, monkeypatch, tmp_path):

@@ -4,17 +4,21 @@ import numpy as np
 import pytest
 
 from kfit.bench.paper import variants
-from kfit.bench.paper.intervals import Interval, difference, pooled, share_below, verdict
+from kfit.bench.paper.intervals import difference, pooled, share_below, verdict
 from kfit.bench.paper.units import REFERENCE, TABLES
 from kfit.cli.main import main
 
 
-def test_a_share_s_interval_is_that_of_as_many_draws():
-    errors = np.r_[np.zeros(80), np.full(20, 90.0)]
-    value, low, high = share_below(errors, 10)
-    assert value == 80
-    assert low == pytest.approx(80 - 1.96 * 4, abs=1)  # sd of a binomial share: sqrt(0.8 * 0.2 / 100)
-    assert high == pytest.approx(80 + 1.96 * 4, abs=1)
+def test_a_share_s_interval_is_wilson_s():
+    # R: prop.test(80, 100, correct = FALSE) and prop.test(20, 20, correct = FALSE)
+    assert share_below(np.r_[np.zeros(80), np.full(20, 90.0)], 10) == pytest.approx((80, 71.11708, 86.66331), abs=1e-4)
+    assert share_below(np.zeros(20), 10) == pytest.approx((100, 83.88748, 100), abs=1e-4)
+
+
+def rows(better, worse, same):
+    """Errors of two rows: views in which the first alone is right, in which the second alone is, and others."""
+    ours = np.r_[np.zeros(better), np.full(worse, 90.0), np.zeros(same)]
+    return ours, np.r_[np.full(better, 90.0), np.zeros(worse), np.zeros(same)]
 
 
 def test_views_are_paired_so_that_what_is_hard_for_both_rows_is_no_noise():
@@ -24,23 +28,31 @@ def test_views_are_paired_so_that_what_is_hard_for_both_rows_is_no_noise():
     better[np.flatnonzero(hard > 10)[:10]] = 1.0
     found = difference(better, hard, 10)
     assert found.value == 5
-    assert found.sign == 1
     assert found.low > 1
     # Unpaired, the noise of each is 3.5 points.
     shuffled = difference(rng.permutation(better), hard, 10)
-    assert shuffled.sign == 0
+    assert shuffled.low < 0 < shuffled.high
 
 
 def test_a_failure_is_below_no_threshold():
-    assert share_below(np.array([np.nan, 1.0]), 1000).value == 100
+    assert share_below(np.array([np.nan, 1.0]), 1000).value == 50
     assert share_below(np.array([np.nan, 1.0]), 60).value == 50
+    assert difference(np.array([np.nan, 1.0]), np.array([1.0, 1.0]), 1000).value == -50
 
 
 def test_an_ordering_counts_outside_the_noise_alone():
-    assert verdict(Interval(-5, -9, -1), -4.2) == "yes"
-    assert verdict(Interval(5, 1, 9), -4.2) == "no"
-    assert verdict(Interval(-5, -9, 1), -4.2) == "open"
-    assert verdict(Interval(-5, -9, -1), 0.0) == "open"
+    assert verdict(*rows(2, 12, 30), 10, -4.2) == "yes"
+    assert verdict(*rows(12, 2, 30), 10, -4.2) == "no"
+    assert verdict(*rows(3, 5, 30), 10, -4.2) == "open"
+    assert verdict(*rows(2, 12, 30), 10, 0.0) == "open"
+    assert verdict(*rows(0, 0, 30), 10, -4.2) == "open"
+
+
+def test_a_few_views_prove_nothing_although_a_bootstrap_of_them_leaves_out_zero():
+    few = rows(4, 0, 16)
+    assert difference(*few, 10).low > 0
+    assert verdict(*few, 10, 4.2) == "open"  # McNemar's exact test: p = 2 * 0.5**4 = 0.125
+    assert verdict(*rows(6, 0, 14), 10, 4.2) == "yes"  # p = 2 * 0.5**6 = 0.031
 
 
 def test_rows_of_different_views_are_not_compared():

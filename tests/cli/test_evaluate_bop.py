@@ -88,6 +88,51 @@ def test_the_command_scores_files_and_folders_and_joins_them(tmp_path, capsys):
     assert "recall in %" in capsys.readouterr().out
 
 
+@pytest.fixture
+def data_set(tmp_path):
+    """Two images with an object 5 each, the second with an object 6 too."""
+    (tmp_path / "set" / "test" / "000001").mkdir(parents=True)
+    scene = tmp_path / "set" / "test" / "000001" / "scene_gt.json"
+    scene.write_text(json.dumps({"2": [POSE], "3": [POSE, POSE | {"obj_id": 6}]}))
+    (tmp_path / "set" / "models").mkdir()
+    (tmp_path / "set" / "models" / "models_info.json").write_text("{}")
+    return tmp_path / "set"
+
+
+def test_what_results_leave_out_is_named(data_set, tmp_path, capsys):
+    write_bop_results(tmp_path / "r.csv", [estimate(0)])
+    main(["evaluate", str(tmp_path / "r.csv"), "--bop", str(data_set), "--out", str(tmp_path / "o")])
+    said = capsys.readouterr().out
+    assert "Not counted, as the results name them nowhere: objects 6." in said
+    assert "1 of 2 images with these objects have no results; they count as not found." in said
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ("", "r.csv: there are no results"),
+        ("1,2,5,1,0 0 0 0 0 0 0 0 0,0 0 1000,-1", "r.csv, line 1 is no result of BOP"),
+        ("1,2,5,1,-1 0 0 0 -1 0 0 0 -1,0 0 1000,-1", "R is no rotation"),
+        ("1,2,5,1,nan 0 0 0 1 0 0 0 1,0 0 1000,-1", "R is no rotation"),
+        ("1,2,5,1,1 0 0 0 1 0 0 0 1,0 0 nan,-1", "t must hold three finite numbers"),
+        ("1,2,5,1,1 0 0 0 1 0 0 0 1,0 0 1.5,-1", "t must be in millimetres, but no object is farther than 1.5 mm"),
+    ],
+)
+def test_files_that_are_no_results_are_refused(content, said, data_set, tmp_path, capsys):
+    (tmp_path / "r.csv").write_text(content)
+    with pytest.raises(SystemExit, match="2"):
+        main(["evaluate", str(tmp_path / "r.csv"), "--bop", str(data_set), "--out", str(tmp_path / "o")])
+    assert said in capsys.readouterr().err
+    assert not (tmp_path / "o").exists()
+
+
+def test_results_of_bop_without_their_data_set_say_what_is_missing(tmp_path, capsys):
+    write_bop_results(tmp_path / "r.csv", [estimate(0)])
+    with pytest.raises(SystemExit, match="2"):
+        main(["evaluate", str(tmp_path / "r.csv"), "--out", str(tmp_path / "o")])
+    assert "r.csv holds results in BOP's format; name the data set by --bop FOLDER" in capsys.readouterr().err
+
+
 def test_an_estimate_of_an_image_that_is_not_there_is_refused():
     with pytest.raises(ValueError, match="no scene 1 with an image 2"):
         bop_errors([estimate(0)], {(1, 3): [POSE]}, {})

@@ -31,7 +31,7 @@ class Grey(Generator):
         return Rendering(values["grey"].view(-1, 1, 1, 1).expand(-1, 3, 8, 8))
 
 
-def fit(**changes):
+def pipeline(**changes):
     parts = {
         "generator": Grey(),
         "energies": {"l1": L1()},
@@ -40,13 +40,32 @@ def fit(**changes):
         "num_starts": 2,
         "num_steps": 2,
     }
-    return FitPipeline(**parts | changes)(Observation(torch.rand(2, 3, 8, 8)), seed=0)
+    return FitPipeline(**parts | changes)
+
+
+def fit(**changes):
+    return pipeline(**changes)(Observation(torch.rand(2, 3, 8, 8)), seed=0)
 
 
 class Still(Grey):
     def __init__(self):
         super().__init__()
         self.variables = {}
+
+
+def test_an_energy_that_overrides_forward_is_refused_because_no_fit_calls_it():
+    class Halved(L1):
+        def forward(self, *args, **kwargs):
+            return super().forward(*args, **kwargs) / 2
+
+    with pytest.raises(TypeError, match=r"energies\.l1: Halved has a `forward` of its own, .* define `compare`"):
+        fit(energies={"l1": Halved()})
+
+
+def test_the_repr_of_a_pipeline_shows_all_of_its_parts_and_numbers():
+    shown = repr(pipeline())
+    for part in ("Constant(values={'grey': 0.2}", "Adam(rates=0.1", "num_starts=2", "LowestEnergy()", "L1("):
+        assert part in shown
 
 
 @pytest.mark.parametrize(

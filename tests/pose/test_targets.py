@@ -6,7 +6,7 @@ import pytest
 
 from kfit.features.category_classifier import NAMES
 from kfit.pose.object_finder import FoundObject, box_of
-from kfit.pose.targets import find_targets, with_score
+from kfit.pose.targets import find_targets, smaller_targets, with_score
 from kfit.segmentation import Detections, Detector, Photo, Segment
 
 SIZE = (100, 120)
@@ -59,6 +59,21 @@ def test_a_mask_or_alpha_channel_tells_the_one_object_and_its_look_the_category(
         assert target.score == pytest.approx(0.9)
         assert target.box == (10, 20, 30, 40)
         np.testing.assert_array_equal(target.segment.mask, LEFT)
+
+
+def test_only_a_mask_of_a_person_or_file_is_one_that_nothing_may_change() -> None:
+    finder: Any = Finder([one("mug", LEFT)])
+    assert [target.given for target in find_targets(PHOTO, mask=LEFT, finder=finder)] == [True]
+    assert [target.given for target in find_targets(Photo(PHOTO.image, LEFT), finder=finder)] == [True]
+    assert [target.given for target in find_targets(PHOTO, finder=finder)] == [False]
+
+
+def test_an_object_without_a_part_that_sticks_out_is_doubted() -> None:
+    mask = mask_at(10, 20, 40, 40) + mask_at(50, 35, 30, 10)
+    [smaller] = smaller_targets(one("mug", mask))
+    assert smaller.box == pytest.approx((10, 20, 40, 40), abs=2)
+    assert smaller.segment.doubts[0].startswith("a part that sticks out of the mask, 1")
+    assert smaller_targets(one("mug", LEFT)) == []
 
 
 def test_a_named_category_is_believed_more_than_the_picture_alone_would() -> None:

@@ -1,4 +1,4 @@
-"""How sure differences between rows are: paired bootstrap over views, pooled over seeds."""
+"""Intervals of shares, and of differences between rows, over views pooled over seeds."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import binomtest  # type: ignore[import-untyped]
 
 SAMPLES, LEVEL = 4000, 0.95
 # Arrays of which a row is a view.
@@ -14,37 +15,55 @@ OF_VIEWS = ("rotation_deg", "translation_cm")
 
 
 class Interval(NamedTuple):
-    """A number with the bounds that hold it with a probability of 95 %."""
+    """A number with the bounds of its 95 % interval."""
 
     value: float
     low: float
     high: float
 
-    @property
-    def sign(self) -> int:
-        """1 or −1 where the number is surely above or below 0, else 0."""
-        return (self.low > 0) - (self.high < 0)
-
 
 def share_below(rotation_deg: NDArray[Any], limit: float) -> Interval:
-    """Average precision in %: the share of views whose error (N,) is below a limit; NaN, a failure, is below none."""
-    return _bootstrap(100.0 * (np.nan_to_num(rotation_deg, nan=180.0) < limit))
+    """Average precision in %: the share of views whose error (N,) is below a limit, with Wilson's interval.
+
+    NaN, a failure, is below no limit. Wilson's interval also holds for few views and for shares of 0 and 100 %.
+    """
+    right = _right(rotation_deg, limit)
+    low, high = binomtest(int(right.sum()), len(right)).proportion_ci(LEVEL, "wilson")
+    return Interval(100 * float(right.mean()), 100 * float(low), 100 * float(high))
 
 
 def difference(ours: NDArray[Any], others: NDArray[Any], limit: float) -> Interval:
-    """How much larger the share of ``ours`` (N,) is than that of ``others`` (N,), errors in the same N views, in %."""
+    """How much larger the share of ``ours`` (N,) is than that of ``others`` (N,), errors in the same N views, in %.
+
+    The interval is that of a paired bootstrap over the views.
+    """
     if len(ours) != len(others):
         raise ValueError(f"rows must be of the same views, got {len(ours)} and {len(others)}")
-    right = [np.nan_to_num(errors, nan=180.0) < limit for errors in (ours, others)]
-    return _bootstrap(100.0 * (right[0].astype(float) - right[1]))
+    apart = 100.0 * (_right(ours, limit).astype(float) - _right(others, limit))
+    rng = np.random.default_rng(0)
+    means = apart[rng.integers(0, len(apart), (SAMPLES, len(apart)))].mean(1)
+    low, high = np.quantile(means, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
+    return Interval(float(apart.mean()), float(low), float(high))
 
 
-def verdict(measured: Interval, published: float) -> str:
-    """Whether an ordering that the paper prints shows here: "yes", "no", or "open" where noise hides it."""
-    wanted = int(np.sign(published))
-    if not wanted or not measured.sign:
+def verdict(ours: NDArray[Any], others: NDArray[Any], limit: float, published: float) -> str:
+    """Compare an ordering that the paper prints with the measured one: "yes", "no", or "open" where noise hides it.
+
+    A difference is outside the noise if its interval leaves out 0 and McNemar's exact test of the views in which the
+    rows differ has p < 0.05. The bootstrap alone is too narrow for few views: 4 of 20 views leave out 0, at p = 0.125.
+
+    Args:
+        ours, others: errors (N,) of two rows in the same N views.
+        limit: an error below it is right.
+        published: the paper's difference between the two.
+    """
+    measured = difference(ours, others, limit)
+    better = int((_right(ours, limit) & ~_right(others, limit)).sum())
+    worse = int((_right(others, limit) & ~_right(ours, limit)).sum())
+    noise = measured.low <= 0 <= measured.high or binomtest(better, better + worse).pvalue >= 1 - LEVEL
+    if noise or published == 0:
         return "open"
-    return "yes" if measured.sign == wanted else "no"
+    return "yes" if (measured.value > 0) == (published > 0) else "no"
 
 
 def pooled(seeds: Sequence[Mapping[str, NDArray[Any]]]) -> dict[str, NDArray[Any]]:
@@ -61,8 +80,5 @@ def pooled(seeds: Sequence[Mapping[str, NDArray[Any]]]) -> dict[str, NDArray[Any
     return found
 
 
-def _bootstrap(values: NDArray[np.float64]) -> Interval:
-    rng = np.random.default_rng(0)
-    means = values[rng.integers(0, len(values), (SAMPLES, len(values)))].mean(1)
-    low, high = np.quantile(means, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
-    return Interval(float(values.mean()), float(low), float(high))
+def _right(rotation_deg: NDArray[Any], limit: float) -> NDArray[np.bool_]:
+    return np.asarray(rotation_deg < limit)  # NaN is below nothing

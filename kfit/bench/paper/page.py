@@ -87,7 +87,7 @@ def page(units: Units, tables: list[str], categories: list[str], how: Measuring,
         "",
         f"Made by `{command}`. Every variant is trained on the same {trained.objects} objects for {trained.steps} "
         f"steps ({32 * trained.steps:,} pairs of views), generators beside `FeatureEncoder` instead of the "
-        f"paper's encoder, the VGG16 regressor from {begun}, and judged on one view each of {how.views} objects of "
+        f"paper's encoder, the VGG16 regressor from {begun}, and measured on one view each of {how.views} objects of "
         f"seeds, shape families and texture families held out of training (seed {how.seed}), cut out by their true "
         f"masks. Fits take {schedule.starts} starts on an even grid and {schedule.steps} steps; three eighths of the "
         "starts go on after step 3, an eighth after step 10. Unless a row names another energy, they descend the "
@@ -100,10 +100,11 @@ def page(units: Units, tables: list[str], categories: list[str], how: Measuring,
         "over as many of new objects of the families that training showed, as the paper's test objects are; then, over "
         "50 views of held-out families, that of the code which draws the view itself best. "
         "Symmetric classes, and mugs whose handle is hidden, are measured by their axis. With one object a picture and "
-        "no detector, AP at a threshold is the share of views below it. Brackets hold 95 % intervals by a paired "
-        f"bootstrap over the views of {seeds} seed{'s' * (seeds > 1)}, each with trainings and views of its own. An "
-        "ordering of AP10 that the paper prints counts as reproduced (yes) or contradicted (no) only where the "
-        "interval of the difference leaves out 0. A row of dashes has not been measured yet. "
+        "no detector, AP at a threshold is the share of views below it. Brackets hold 95 % intervals over the views of "
+        f"{seeds} seed{'s' * (seeds > 1)}, each with trainings and views of its own: Wilson's of shares, a paired "
+        "bootstrap's of differences. They do not hold the noise of training anew. An ordering of AP10 that the paper "
+        "prints counts as reproduced (yes) or contradicted (no) only where the interval of the difference leaves out "
+        "0 and McNemar's exact test has p < 0.05. A row of dashes has not been measured yet. "
         f"Machine: {made['machine']['processor']}, {made['machine']['threads']} threads of {made['machine']['cores']} "
         f"cores; torch {made['versions']['torch']}.",
         "",
@@ -158,9 +159,9 @@ def _compared(units: Units, table: str, category: str, unit: str) -> list[str]:
     there = (category, reference) in units and (table, unit) in PUBLISHED
     if unit == reference or not there:
         return ["", ""]
-    found = difference(units[category, unit]["rotation_deg"], units[category, reference]["rotation_deg"], 10)
+    rows = units[category, unit]["rotation_deg"], units[category, reference]["rotation_deg"]
     printed = float(PUBLISHED[table, unit][1]) - float(PUBLISHED[table, reference][1])
-    return [_bracketed(found), verdict(found, printed)]
+    return [_bracketed(difference(*rows, 10)), verdict(*rows, 10, printed)]
 
 
 def _robustness_rows(units: Units, table: str) -> list[str]:

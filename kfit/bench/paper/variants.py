@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shlex
 import subprocess
 import sys
@@ -9,6 +10,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import yaml  # type: ignore[import-untyped]
+
+from kfit.runtime.atomic_write import atomic_write
 from kfit.runtime.console import log
 
 # Checkpoints are written this often, so that little is lost to an interruption.
@@ -120,22 +124,40 @@ class Training:
 
         Raises:
             FileNotFoundError: if there is no such recipe.
-            RuntimeError: if training fails.
+            RuntimeError: if training fails, or ends before its last step.
+            ValueError: if the folder holds a training with other settings.
         """
         recipe = self.recipes / VARIANTS[name].recipe
         if not recipe.is_file():
             raise FileNotFoundError(f"no recipe at {recipe}; run this in kfit's checkout, or pass --recipes DIR")
         folder, begun = self.folder(name, category), self.checkpoint(name, category)
+        folder.mkdir(parents=True, exist_ok=True)
+        self._record(name, recipe.read_text(encoding="utf-8"), folder / "settings.json", begun is None)
         if begun is not None and self._steps(begun) >= self.steps:
             return begun
         words = self.command(name, category) + ([] if begun is None else ["--ckpt_path", str(begun)])
-        folder.mkdir(parents=True, exist_ok=True)
         log.info("training %s, %s:\n  lightning %s", category, VARIANTS[name].title, shlex.join(words))
         self._run(words, folder / "training.log")
         made = self.checkpoint(name, category)
         if made is None:
             raise RuntimeError(f"training left no checkpoint in {folder}; see training.log there")
+        if (done := self._steps(made)) < self.steps:
+            raise RuntimeError(f"{folder} was trained for {done} steps instead of {self.steps}; give more --objects")
         return made
+
+    def _record(self, name: str, recipe: str, record: Path, new: bool) -> None:
+        """Write the settings of a new training, or compare them with those recorded in its folder."""
+        weights = self.vgg16 and Path(self.vgg16).name if name == "regressor" else None
+        recipe = " ".join((*yaml.safe_dump(yaml.safe_load(recipe)).split(), *VARIANTS[name].settings))
+        settings = {"train-steps": self.steps, "objects": self.objects, "vgg16": weights, "recipe": recipe}
+        if new:
+            atomic_write(record.parent, {record.name: lambda path: path.write_text(json.dumps(settings, indent=1))})
+        elif record.is_file():
+            before = json.loads(record.read_text(encoding="utf-8"))
+            if changed := [key for key, value in settings.items() if before.get(key) != value]:
+                raise ValueError(
+                    f"{record.parent} was trained with another {' and '.join(changed)}; choose another --runs"
+                )
 
     @staticmethod
     def _run(words: Sequence[str], log: Path) -> None:

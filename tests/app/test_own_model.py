@@ -1,0 +1,65 @@
+"""The page with a model of a category that kfit does not ship: it needs nothing but the model's file."""
+
+import json
+import runpy
+
+import numpy as np
+import pytest
+from tiny_model import TINY
+
+from kfit.app.session import Session
+from kfit.cli.main import main
+from kfit.geometry import Category
+from kfit.models import write_model
+from kfit.pose import Card
+
+TEAPOT = Category("teapot", 0.28, axes="y up, spout towards +x", front="spout")
+
+
+@pytest.fixture
+def teapot(tiny_model, tmp_path):
+    path = tmp_path / "teapot.safetensors"
+    write_model(path, tiny_model.networks, Card("teapot", TINY, 4.0, **Card.fields_of(TEAPOT)))
+    return path
+
+
+@pytest.fixture
+def visit(teapot, tmp_path, upload, drawn_mug):
+    (tmp_path / "own").mkdir()
+    visit = Session(tmp_path / "own", {"teapot": str(teapot)})
+    visit.take(upload(drawn_mug[..., :3], "pot.png"))
+    visit.take_mask(upload(drawn_mug[..., 3], "mask.png"))
+    return visit
+
+
+def refused(words, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(words)
+    assert ended.value.code == 2
+    return capsys.readouterr().err
+
+
+def test_the_file_alone_answers_and_the_downloads_repeat_the_answer(visit, upload, drawn_mug, monkeypatch):
+    *_, result = visit.fit("teapot")
+    assert (result.category, result.category_score, result.front) == ("teapot", None, "spout")
+    answer = json.loads(visit.write(result)["pose.json"].read_text())
+    monkeypatch.chdir(visit.folder)
+    upload(drawn_mug[..., :3], "pot.png").rename(visit.folder / "pot.png")
+    again = runpy.run_path("repeat.py")["result"].to_dict()
+    assert np.allclose(again["rotation"], answer["rotation"], atol=1e-3)
+    words = visit.command("teapot")
+    assert words == f"kfit pose pot.png --model {visit.models['teapot']} --mask mask.png"
+    main([*words.split()[1:], "--out", "again"])
+    assert np.allclose(json.loads((visit.folder / "again" / "pose.json").read_text())["rotation"], answer["rotation"])
+
+
+def test_two_models_of_one_category_are_refused(teapot, capsys):
+    other = teapot.with_name("other.safetensors")
+    other.write_bytes(teapot.read_bytes())
+    said = refused(["app", "--models", f"[{teapot},{other}]"], capsys)
+    assert said == f"kfit: --models must have a category each, but {teapot} and {other} are of the same one\n"
+
+
+def test_files_that_are_no_models_are_refused_before_the_page_is_there(tmp_path, capsys):
+    assert "--models must name .safetensors files, got mug" in refused(["app", "--models", "mug"], capsys)
+    assert "no model at none.safetensors" in refused(["app", "--models", "none.safetensors"], capsys)
