@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kfit.app.brush import painted
+from kfit.app.brush import with_stroke
 from kfit.app.downloads import snippet_of, write_downloads
 from kfit.app.examples import Example
 from kfit.app.uploads import check_size, checked, read_upload, received
@@ -156,7 +156,7 @@ class Session:
         self._photo_or_error()
         if self.target is None:
             raise ValueError("Draw a box around the object first; then its mask can be corrected.")
-        mask = painted(self.target.segment.mask, points, keep)
+        mask = with_stroke(self.target.segment.mask, points, keep)
         self.target = replace(self.target, segment=Segment(mask))  # `fit` examines it again
         self._pointed, self._words = {"mask": mask}, ["--mask", "mask.png"]
 

@@ -61,9 +61,9 @@ class Watching(Callback):
     """
 
     def __init__(
-        self, generator: Generator, observed: ObservedObject, tell: Callable[[Drawn], None], left: Event
+        self, generator: Generator, observed: ObservedObject, report: Callable[[Drawn], None], left: Event
     ) -> None:
-        self.generator, self.observed, self.tell, self.left = generator, observed, tell, left
+        self.generator, self.observed, self.report, self.left = generator, observed, report, left
 
     def on_step(self, state: FitState) -> FitState:
         if self.left.is_set():
@@ -75,7 +75,7 @@ class Watching(Callback):
                     **{name: rows[best : best + 1] for name, rows in state.best_values.items()},
                     **self.generator.prepare(self.observed.observation),
                 )
-            self.tell(
+            self.report(
                 Drawn(
                     step=state.step,
                     num_steps=state.num_steps,
@@ -112,14 +112,14 @@ def watched(
     """
     events: SimpleQueue[Drawn | PoseResult | BaseException] = SimpleQueue()
     left = Event()
-    given: dict[str, Any] = {"intrinsics": intrinsics, "depth": depth}
-    observed = ObservedObject.of(photo, model.card.known, model.image_size, segmenter=target, **given)
+    inputs: dict[str, Any] = {"intrinsics": intrinsics, "depth": depth}
+    observed = ObservedObject.of(photo, model.card.known, model.image_size, segmenter=target, **inputs)
     pipeline = model.pipeline(depth=depth is not None, lens_known=observed.lens_known)
     watching = Watching(pipeline.generator, observed, events.put, left)
 
     def fit() -> None:
         try:
-            events.put(pose_of(model, photo, target, pipeline=pipeline, callbacks=[watching], **given))
+            events.put(pose_of(model, photo, target, pipeline=pipeline, callbacks=[watching], **inputs))
         except BaseException as error:  # any error is passed to the waiting thread
             events.put(error)
 

@@ -173,8 +173,8 @@ def fit(
     with precision(way.precision, device):
         result, cost = timed(way.pipeline, observation, seed)
     symmetry = way.model.card.known.symmetry if views.visible[number] else "y"
-    turned = rotation_of({name: value.double().cpu() for name, value in result.values.items()})
-    away = rotation_error(turned, views.rotation[number : number + 1], symmetry)
+    fitted = rotation_of({name: value.double().cpu() for name, value in result.values.items()})
+    away = rotation_error(fitted, views.rotation[number : number + 1], symmetry)
     energies = {
         f"energy: {other.name}": float(energy_at(other.pipeline, observation, result))
         for other in ways

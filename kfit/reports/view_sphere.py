@@ -36,9 +36,11 @@ def view_sphere(result: PoseResult) -> Markup:
     that differ by such a turn.
     """
     places = [camera_angles(found.rotation, result.translation)[:2] for found in result.alternatives]
-    turned, above = places[0]
+    azimuth, above = places[0]
     # A camera at azimuth a sees the object rotated by a; this view is from the side of the answer's, and higher.
-    onlooker = rotation_from_angles(*torch.tensor([turned + 30, min(max(above, 0) / 2 + 20, 60), 0]).double().deg2rad())
+    onlooker = rotation_from_angles(
+        *torch.tensor([azimuth + 30, min(max(above, 0) / 2 + 20, 60), 0]).double().deg2rad()
+    )
     with styled():
         figure = Figure(figsize=(SIDE, SIDE))
         plot = figure.add_axes((0, 0, 1, 1))
@@ -72,8 +74,8 @@ def _poses(plot: Axes, onlooker: Tensor, places: Sequence[tuple[float, float]], 
             name = "answer, " if k == 0 else ""
             # Away from the middle, where the object is.
             way, va = (1, "bottom") if y >= 0 else (-1, "top")
-            beside = y + way * (math.sqrt(area / math.pi) / (36 * SIDE / REACH) + 0.03)
-            plot.text(x, beside, f"{name}{100 * weights[k]:.0f} %", color=colour, ha="center", va=va, zorder=8)
+            label_y = y + way * (math.sqrt(area / math.pi) / (36 * SIDE / REACH) + 0.03)
+            plot.text(x, label_y, f"{name}{100 * weights[k]:.0f} %", color=colour, ha="center", va=va, zorder=8)
 
 
 def _globe(plot: Axes, onlooker: Tensor) -> None:

@@ -179,7 +179,7 @@ def test_a_unit_is_measured_once_for_the_same_settings(how, monkeypatch, tmp_pat
     for _ in range(2):
         assert how.measured("full+l1", "mug")["rotation_deg"].tolist() == [1, 1]
     assert len(calls) == 1
-    Measuring(how.training, fits.Schedule(8, 2), 2, 0, how.tell).measured("full+l1", "mug")
+    Measuring(how.training, fits.Schedule(8, 2), 2, 0, how.report).measured("full+l1", "mug")
     assert len(calls) == 2
 
 

@@ -5,7 +5,7 @@ from kfit.pose.check_intrinsics import check_intrinsics
 
 
 def checked(fx: float, fy: float, x: float, y: float, size: tuple[int, int] = (640, 480)) -> tuple[str, str]:
-    """The notes and the doubts."""
+    """The notes and the warnings."""
     notes: list[str] = []
     warnings: list[str] = []
     check_intrinsics(torch.tensor([[fx, 0, x], [0, fy, y], [0, 0, 1]]).double(), *size, notes, warnings)

@@ -72,7 +72,7 @@ def test_an_object_without_a_part_that_sticks_out_is_doubted() -> None:
     mask = mask_at(10, 20, 40, 40) + mask_at(50, 35, 30, 10)
     [smaller] = smaller_targets(one("mug", mask))
     assert smaller.box == pytest.approx((10, 20, 40, 40), abs=2)
-    assert smaller.segment.doubts[0].startswith("a part that sticks out of the mask, 1")
+    assert smaller.segment.warnings[0].startswith("a part that sticks out of the mask, 1")
     assert smaller_targets(one("mug", LEFT)) == []
 
 
@@ -87,11 +87,11 @@ def test_a_mask_of_two_objects_or_of_background_is_doubted() -> None:
     both = mask_at(10, 20, 90, 40)
     two: Any = Finder([one("mug", LEFT), one("can", RIGHT)])
     (target,) = find_targets(PHOTO, mask=both, finder=two)
-    assert target.segment.doubts == ("the mask seems to show 2 objects; the confidence is 50 % at most",)
+    assert target.segment.warnings == ("the mask seems to show 2 objects; the confidence is 50 % at most",)
     (target,) = find_targets(PHOTO, mask=LEFT, finder=two)
-    assert target.segment.doubts == ()
+    assert target.segment.warnings == ()
     (target,) = find_targets(PHOTO, mask=LEFT, finder=Finder(salient=0.1))  # type: ignore[arg-type]
-    assert "background" in target.segment.doubts[0]
+    assert "background" in target.segment.warnings[0]
 
 
 class OwnDetector(Detector):

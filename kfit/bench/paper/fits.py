@@ -182,8 +182,8 @@ def path_of(results: list[FitResult], views: HeldOutViews, category: str) -> tup
         energy.append(result.history.energy[:, rows, won])
         angles = (result.history.values[name][:, rows, won].double() for name in ("azimuth", "elevation", "roll"))
         rotation.append(rotation_from_angles(*angles))
-    energies, turned = torch.cat(energy, 1), torch.cat(rotation, 1)
-    away = torch.stack([errors(row, views, category) for row in turned])
+    energies, rotations = torch.cat(energy, 1), torch.cat(rotation, 1)
+    away = torch.stack([errors(row, views, category) for row in rotations])
     return energies.nanmedian(1).values.tolist(), away.nanmedian(1).values.tolist()
 
 
