@@ -120,12 +120,12 @@ def run(args: Namespace) -> None:
         procedural = fits.procedural() if args.views else {}
         scans = fits.scans() if args.meshes else {}
         objects = fits.objects() if args.nocs else []
-    how_seen = f", {args.views_of} views" + (", with depth" if args.depth else "")
+    kind = f", {args.views_of} views" + (", with depth" if args.depth else "")
     sections = []
     if procedural:
-        sections.append(views_section(f"Unseen procedural objects{how_seen}", procedural))
+        sections.append(views_section(f"Unseen procedural objects{kind}", procedural))
     if scans:
-        sections.append(views_section(f"Scans{how_seen}", scans))
+        sections.append(views_section(f"Scans{kind}", scans))
     if objects:
         sections.append(objects_section(objects))
     for section in sections:
@@ -160,12 +160,12 @@ def write_card(
 
     (model,) = models.values()
     schedule = {name: _schedule(args)[name] for name in ("starts", "steps", "pruned", "seed")}
-    how_seen = f", {args.views_of} views" + (", with depth" if args.depth else "")
+    kind = f", {args.views_of} views" + (", with depth" if args.depth else "")
     measured: dict[str, Any] = {}
     for found in procedural.values():
-        measured[f"unseen procedural objects, held-out families{how_seen}"] = {**schedule, **found}
+        measured[f"unseen procedural objects, held-out families{kind}"] = {**schedule, **found}
     if scans:
-        measured[f"scans{how_seen}"] = {**schedule, **scans}
+        measured[f"scans{kind}"] = {**schedule, **scans}
     if objects:
         measured["objects of NOCS's frames, true masks"] = {**schedule, "objects": objects}
     card = replace(model.card, accuracy={**model.card.accuracy, **measured})

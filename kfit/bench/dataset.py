@@ -111,7 +111,7 @@ def fitted(
     class Watch(Callback):
         """Notes the time at each batch's end."""
 
-        def on_predict_batch_end(self, trainer: Trainer, pl_module: LightningModule, *rest: Any) -> None:
+        def on_predict_batch_end(self, trainer: Trainer, pl_module: LightningModule, *more: Any) -> None:
             ends.append(time.perf_counter() - begun)
             on_batch()
 

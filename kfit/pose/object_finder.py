@@ -58,14 +58,14 @@ class FoundObject(Segmenter):
         score: probability that it is of that category, in [0, 1]; None of a category that the classifier does not know.
         box: left, top, width, height in pixels: of the mask.
         segment: its mask.
-        given: whether a person or a file chose the mask, which nothing may change then.
+        chosen: whether a person or a file chose the mask, which nothing may change then.
     """
 
     category: str
     score: float | None
     box: Box
     segment: Segment
-    given: bool = False
+    chosen: bool = False
 
     @property
     def words(self) -> str:

@@ -20,7 +20,7 @@ from kfit.segmentation import Photo, Segmenter, load_segmenter, mask_from_alpha,
 # Notes that limit an answer's confidence.
 PLAIN = "the object has one colour: only its outline shows its pose, and the confidence is 50 % at most"
 WHOLE = "the mask covers the whole picture: there is no outline, and the confidence is 50 % at most"
-_LEAST_SPREAD = 0.01
+_LEAST_DEVIATION = 0.01
 # A pixel of the picture counts where a smaller share of it is ignored.
 MOST_IGNORED = 0.25
 
@@ -115,7 +115,7 @@ class ObservedObject:
 def _is_plain(observation: Observation) -> bool:
     """Return whether the object's colours, each in [0, 1], have a standard deviation below 0.01."""
     colors = observation.field("image")[0].flatten(1)[:, observation.field("mask")[0, 0].flatten() > 0.9]
-    return colors.shape[1] > 1 and float(colors.std(1).max()) < _LEAST_SPREAD
+    return colors.shape[1] > 1 and float(colors.std(1).max()) < _LEAST_DEVIATION
 
 
 def cut_off(mask: NDArray[Any]) -> str | None:

@@ -12,7 +12,7 @@ from kfit.core import SO3, Initializer, Observation, Variable, Variables
 from kfit.generators.volume_motions import volume_matrix_of
 
 
-class GivenStarts(Initializer):
+class FixedStarts(Initializer):
     """Start each problem at fixed values.
 
     Args:

@@ -14,7 +14,7 @@ from kfit.runtime.atomic_write import atomic_write
 
 SUFFIXES = (".gif", ".mp4")
 SIDE, GAP, LINE = 256, 8, 36
-INK, FAINT, PAPER, DONE = (27, 27, 31), (107, 114, 128), (255, 255, 255), (255, 176, 0)
+INK, GREY, PAPER, DONE = (27, 27, 31), (107, 114, 128), (255, 255, 255), (255, 176, 0)
 # Steps a second, and seconds for which the last is shown.
 RATE, LAST_SECONDS = 8, 2
 
@@ -55,7 +55,7 @@ def _pictures(frames: FitFrames) -> list[Image.Image]:
         pen.text((GAP, SIDE + LINE / 2), "seen", INK, font, anchor="lm")
         pen.text((SIDE + 2 * GAP, SIDE + LINE / 2), f"step {step} of {last}", INK, font, anchor="lm")
         energy = f"energy {frames.energy[step]:.2f}"
-        pen.text((2 * SIDE, SIDE + LINE / 2), energy, FAINT, font, anchor="rm")
+        pen.text((2 * SIDE, SIDE + LINE / 2), energy, GREY, font, anchor="rm")
         pen.rectangle((0, SIDE + LINE - 4, picture.width * (step + 1) / (last + 1) - 1, SIDE + LINE - 1), DONE)
         pictures.append(picture)
     return pictures

@@ -169,10 +169,10 @@ def _draw_pose(
     for i, j in EDGES:
         faces = [facing[k, i >> k & 1] for k in range(3) if not (i ^ j) >> k & 1]
         edges[any(faces)].append((corners[i], corners[j]))
-    faint = photo.copy()
+    dimmed = photo.copy()
     for start, end in edges[False]:
-        _line(faint, start, end, BOX, thick / 2)
-    cv2.addWeighted(faint, 0.5, photo, 0.5, 0, dst=photo)
+        _line(dimmed, start, end, BOX, thick / 2)
+    cv2.addWeighted(dimmed, 0.5, photo, 0.5, 0, dst=photo)
     for start, end in edges[True]:
         _line(photo, start, end, BOX, thick)
     tips = translation + rotation.T * 0.35 * size.norm()

@@ -102,11 +102,11 @@ def _object(plot: Axes, onlooker: Tensor, size: Tensor) -> None:
         plot.text(1.18 * tips[k, 0], 1.18 * tips[k, 1], name, color=colour, ha="center", va="center", weight="bold")
 
 
-def _circle(plot: Axes, onlooker: Tensor, line: Tensor, colour: str, width: float, strong: float, faint: float) -> None:
+def _circle(plot: Axes, onlooker: Tensor, line: Tensor, colour: str, width: float, strong: float, dim: float) -> None:
     """A line on the sphere, faint where it is on the far side."""
     projected = _projected(onlooker, line)
     pieces = np.stack([projected[:-1], projected[1:]], 1)
-    alpha = np.where(pieces[..., 2].mean(1) >= 0, strong, faint)
+    alpha = np.where(pieces[..., 2].mean(1) >= 0, strong, dim)
     plot.add_collection(LineCollection(list(pieces[..., :2]), colors=colour, lw=width, alpha=alpha))
 
 

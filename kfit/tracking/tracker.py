@@ -123,7 +123,7 @@ class Tracker:
         if pixels.shape[:2] != self.last.mask.shape:
             raise ValueError(f"frame must be as large as the first, {self.last.mask.shape}, got {pixels.shape[:2]}")
         if mask is not None and not binary_mask(as_numbers("mask", mask)).any():
-            return self._unseen()
+            return self._not_found()
         if mask is not None:
             found = choose_mask(pixels, mask, None, None, None, self.model.card.category).mask
         else:
@@ -223,11 +223,11 @@ class Tracker:
         try:
             found = self.model.pose(pixels, box=box, intrinsics=self.camera, seed=self.seed)
         except ValueError:  # no object found in this frame
-            return self._unseen()
+            return self._not_found()
         self._start(found, self.quality.fitted_anew(found.energy))
         return self.last
 
-    def _unseen(self) -> TrackedPose:
+    def _not_found(self) -> TrackedPose:
         self.last = replace(self.last, overlap=0.0, confidence=0.0, lost=True, anew=False)
         return self.last
 

@@ -169,9 +169,9 @@ def test_a_photo_gets_a_box_and_a_mask_that_a_brush_corrects_and_a_reload_keeps_
     visit.mouse.move(room["x"] + 64 * across, room["y"] + 90 * down)
     visit.mouse.up()
     sync_api.expect(visit.locator(".kfit-mask")).not_to_have_attribute("src", by_box)
-    painted = visit.locator(".kfit-mask").get_attribute("src")
+    corrected = visit.locator(".kfit-mask").get_attribute("src")
     visit.reload()
-    sync_api.expect(visit.locator(".kfit-mask")).to_have_attribute("src", painted)
+    sync_api.expect(visit.locator(".kfit-mask")).to_have_attribute("src", corrected)
 
 
 def test_two_taps_draw_a_box_on_the_example_and_another_photo_can_follow(visit):

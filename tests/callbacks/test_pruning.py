@@ -57,7 +57,7 @@ def assert_same_path(found, expected, row, start, problem=None):
 
 
 @pytest.mark.parametrize("optimizer", OPTIMIZERS, ids=lambda optimizer: type(optimizer).__name__)
-class TestBesideAnOptimizer:
+class TestWithAnOptimizer:
     def test_a_survivor_walks_the_path_that_it_walks_without_pruning(self, optimizer):
         whole = fit(optimizer)
         pruned = fit(optimizer, callbacks=[Pruning({2: 3, 5: 1})])

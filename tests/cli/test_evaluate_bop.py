@@ -102,13 +102,13 @@ def data_set(tmp_path):
 def test_what_results_leave_out_is_named(data_set, tmp_path, capsys):
     write_bop_results(tmp_path / "r.csv", [estimate(0)])
     main(["evaluate", str(tmp_path / "r.csv"), "--bop", str(data_set), "--out", str(tmp_path / "o")])
-    said = capsys.readouterr().out
-    assert "Not counted, as the results name them nowhere: objects 6." in said
-    assert "1 of 2 images with these objects have no results; they count as not found." in said
+    printed = capsys.readouterr().out
+    assert "Not counted, as the results name them nowhere: objects 6." in printed
+    assert "1 of 2 images with these objects have no results; they count as not found." in printed
 
 
 @pytest.mark.parametrize(
-    ("content", "said"),
+    ("content", "message"),
     [
         ("", "r.csv: there are no results"),
         ("1,2,5,1,0 0 0 0 0 0 0 0 0,0 0 1000,-1", "r.csv, line 1 is no result of BOP"),
@@ -118,11 +118,11 @@ def test_what_results_leave_out_is_named(data_set, tmp_path, capsys):
         ("1,2,5,1,1 0 0 0 1 0 0 0 1,0 0 1.5,-1", "t must be in millimetres, but no object is farther than 1.5 mm"),
     ],
 )
-def test_files_that_are_no_results_are_refused(content, said, data_set, tmp_path, capsys):
+def test_files_that_are_no_results_are_refused(content, message, data_set, tmp_path, capsys):
     (tmp_path / "r.csv").write_text(content)
     with pytest.raises(SystemExit, match="2"):
         main(["evaluate", str(tmp_path / "r.csv"), "--bop", str(data_set), "--out", str(tmp_path / "o")])
-    assert said in capsys.readouterr().err
+    assert message in capsys.readouterr().err
     assert not (tmp_path / "o").exists()
 
 

@@ -148,5 +148,5 @@ def test_under_autocast_only_energies_that_say_so_compare_in_it():
     evaluate = objective({"plain": plain, "mixed": mixed}, {"plain": 1.0, "mixed": 1.0})
     with torch.autocast("cpu", torch.bfloat16):
         evaluate(RAW, PROBLEM, "gradient")
-    assert plain.seen == [(False, torch.float32)]
-    assert mixed.seen == [(True, torch.float32)]
+    assert plain.recorded == [(False, torch.float32)]
+    assert mixed.recorded == [(True, torch.float32)]

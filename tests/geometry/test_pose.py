@@ -78,9 +78,9 @@ def test_the_error_keeps_its_digits_near_zero_and_half_a_turn(angle: float) -> N
 def test_turning_about_the_vertical_axis_is_no_error_under_y_symmetry() -> None:
     a = rotation_from_angles(*angles(0.3, 0.4, 0.1))
     assert float(rotation_error(a, rotation_from_angles(*angles(2.9, 0.4, 0.1)), "y")) < 1e-12
-    tipped = rotation_from_angles(*angles(2.9, 0.9, 0.1))
-    assert float(rotation_error(a, tipped, "y")) == pytest.approx(0.5)
-    assert float(rotation_error(a, tipped)) > 2
+    tilted = rotation_from_angles(*angles(2.9, 0.9, 0.1))
+    assert float(rotation_error(a, tilted, "y")) == pytest.approx(0.5)
+    assert float(rotation_error(a, tilted)) > 2
 
 
 def test_errors_broadcast_over_rows() -> None:

@@ -63,9 +63,9 @@ def test_a_mask_or_alpha_channel_tells_the_one_object_and_its_look_the_category(
 
 def test_only_a_mask_of_a_person_or_file_is_one_that_nothing_may_change() -> None:
     finder: Any = Finder([one("mug", LEFT)])
-    assert [target.given for target in find_targets(PHOTO, mask=LEFT, finder=finder)] == [True]
-    assert [target.given for target in find_targets(Photo(PHOTO.image, LEFT), finder=finder)] == [True]
-    assert [target.given for target in find_targets(PHOTO, finder=finder)] == [False]
+    assert [target.chosen for target in find_targets(PHOTO, mask=LEFT, finder=finder)] == [True]
+    assert [target.chosen for target in find_targets(Photo(PHOTO.image, LEFT), finder=finder)] == [True]
+    assert [target.chosen for target in find_targets(PHOTO, finder=finder)] == [False]
 
 
 def test_an_object_without_a_part_that_sticks_out_is_doubted() -> None:

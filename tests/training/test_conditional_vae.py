@@ -147,7 +147,7 @@ class TestTheLoss:
         output = true.clone()
         output[0, :, 4:] = 0  # half of it, and nothing else
         output[1, :, :12] = 1  # it, and half as much again
-        monkeypatch.setattr(module, "forward", lambda *given_: Rendering(sample["target"], output))
+        monkeypatch.setattr(module, "forward", lambda *args: Rendering(sample["target"], output))
         with torch.no_grad():
             module.validation_step(sample, 0)
         assert logged["val/l1"] == 0
@@ -157,8 +157,8 @@ class TestTheLoss:
     def test_has_the_structural_similarity_of_scikit_image(self, logged, monkeypatch):
         module, sample = build().eval(), batch()
         drawn = (sample["target"] + 0.3 * sample["source"]).clamp(0, 1)
-        monkeypatch.setattr(module, "forward", lambda *given_: Rendering(drawn))
-        monkeypatch.setattr(module, "_compare", lambda *given_: {})
+        monkeypatch.setattr(module, "forward", lambda *args: Rendering(drawn))
+        monkeypatch.setattr(module, "_compare", lambda *args: {})
         with torch.no_grad():
             module.validation_step(sample, 0)
         settings = {"data_range": 1, "channel_axis": 0, "gaussian_weights": True, "use_sample_covariance": False}

@@ -116,12 +116,12 @@ class Measuring:
         """Errors at each strength of each change, and of objects of the training."""
         arrays: Arrays = {}
         count = min(self.views, ROBUST_VIEWS)
-        unseen = held_out_views(model, count, self.seed)
+        held_out = held_out_views(model, count, self.seed)
         trained = held_out_views(model, count, self.seed, training=True)
         places = {"instances +0": trained}
         for kind, strength in fits.levels():
-            changed = changer(kind, strength)(unseen.observation)
-            places[f"{kind} {strength:+g}"] = replace(unseen, observation=changed)
+            changed = changer(kind, strength)(held_out.observation)
+            places[f"{kind} {strength:+g}"] = replace(held_out, observation=changed)
         for number, (name, views) in enumerate(places.items()):
             self.report(f"{category}, {variant}, {name}", number, len(places))
             if variant == "regressor":
