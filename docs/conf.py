@@ -33,6 +33,7 @@ extensions = [
     "sphinx.ext.viewcode",
     "sphinx_copybutton",
     "command_help",
+    "notebook_pages",
 ]
 exclude_patterns = ["_build", "_templates"]
 templates_path = ["_templates"]

@@ -8,13 +8,14 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from PIL import Image
 from skimage.io import imsave
 
 from kfit.data import build, render
 from kfit.data.rasterizer import standard_pose
 
 # Held out of training: name of the category, seed, elevation and azimuth in degrees, and the table's colour.
-OBJECTS = [("laptop", 11, 28, -62, "#b9a58c"), ("camera", 4, 24, -58, "#8d9aa5"), ("bottle", 6, 14, 0, "#a7b09a")]
+OBJECTS = [("laptop", 11, 28, -62, "#b9a58c"), ("camera", 3, 24, -50, "#8d9aa5"), ("bottle", 2, 24, 0, "#a7b09a")]
 WIDTH, HEIGHT, FOCAL, DISTANCE, SUN = 720, 540, 900.0, 2.4, np.array([-0.55, 1.0, 0.35])
 
 
@@ -43,5 +44,5 @@ if __name__ == "__main__":
     folder = Path(sys.argv[1] if len(sys.argv) > 1 else "kfit/app/examples")
     for category, *settings in OBJECTS:
         picture, mask = scene(category, *settings)
-        imsave(folder / f"{category}.jpg", picture, check_contrast=False, quality=88)
+        Image.fromarray(picture).save(folder / f"{category}.jpg", quality=88)
         imsave(folder / f"{category}_mask.png", 255 * (mask > 127).astype(np.uint8), check_contrast=False)

@@ -32,6 +32,7 @@ from kfit.pose.object_finder import FoundObject, box_of
 from kfit.reports import describe, draw_frame
 from kfit.reports.fitted_photo import fitted_photo
 from kfit.reports.mesh_file import write_mesh
+from kfit.reports.overlay import AXES
 from kfit.segmentation import Photo, Segment, mask_from_file
 from kfit.tracking import track
 
@@ -104,8 +105,9 @@ def moving() -> None:
     size = (450, 300)
     frames = [cv2.resize(drawn_in(photo.image, step), size, interpolation=cv2.INTER_AREA) for step in steps]
     frames.append(cv2.resize(fitted_photo(result), size, interpolation=cv2.INTER_AREA))
-    # One palette for all frames, so that what does not move costs nothing.
-    palette = Image.fromarray(np.concatenate([frames[0], frames[len(frames) // 2], frames[-1]])).quantize(128)
+    # One palette for all frames, so that what does not move costs nothing; it has the colours of the axes.
+    axes = np.repeat(np.uint8([[color] for _, color in AXES]), 20, 0).repeat(size[0], 1)
+    palette = Image.fromarray(np.concatenate([frames[0], frames[len(frames) // 2], frames[-1], axes])).quantize(192)
     shown = [Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
     lasts = [700, *[130] * (len(frames) - 2), 3200]
     shown[0].save(PICTURES / "fit.gif", save_all=True, append_images=shown[1:], duration=lasts, loop=0, optimize=True)

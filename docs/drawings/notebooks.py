@@ -42,8 +42,8 @@ def outputs(source: str, names: dict[str, Any], number: int) -> list[dict[str, A
     found: list[dict[str, Any]] = []
     if isinstance(shown, Image.Image):
         held = io.BytesIO()
-        shown.quantize(128).save(held, "PNG", optimize=True)
-        data = {"image/png": base64.b64encode(held.getvalue()).decode()}
+        shown.convert("RGB").save(held, "JPEG", quality=88, optimize=True)
+        data = {"image/jpeg": base64.b64encode(held.getvalue()).decode()}
         found.append({"output_type": "display_data", "metadata": {}, "data": data})
     elif shown is not None:
         printed.write(f"{shown!r}\n")

@@ -154,9 +154,8 @@ class Actions:
             with self.line.joined() as waiting:
                 for before in waiting:
                     yield {parts.view: views.waiting(before)}
-                fitting = session.fit(category, lens)
                 yield {parts.view: views.converging(steps, session.image)}
-                for news in fitting:
+                for news in session.fit(category, lens):
                     if isinstance(news, Drawn):
                         steps.append(news)
                         yield {parts.view: views.converging(steps, session.image)}

@@ -9,7 +9,7 @@ import gradio as gr
 
 from kfit.app import views
 from kfit.app.downloads import FILES
-from kfit.app.uploads import ENDINGS, LARGEST_FILE, NAMES
+from kfit.app.uploads import ENDINGS, NAMES
 from kfit.models.load import bundled
 from kfit.reports.scene import VIEWER
 
@@ -31,11 +31,9 @@ class Layout:
         self.token = gr.Textbox(visible="hidden", label="visit")
         gr.HTML(HEAD.format(names=f"{', '.join(known[:-1])} or {known[-1]}"), **plain)
         self.steps = gr.HTML(views.steps(0), **plain)
-        with gr.Row():
+        with gr.Row(elem_classes=["kfit-grid"]):
             with gr.Column(min_width=300):
-                self.drop = gr.File(
-                    label=f"Photo: {NAMES}, at most {LARGEST_FILE >> 20} MB", file_types=ENDINGS, height=170
-                )
+                self.drop = gr.File(label=f"Photo: {NAMES}", file_types=ENDINGS, height=170)
                 self.cards = gr.HTML(views.cards(), js_on_load=_script("cards.js"), **plain)
                 self.photo_problem = gr.HTML("", **plain)
                 self.surface = gr.HTML(
@@ -50,22 +48,23 @@ class Layout:
                 )
                 self.found = gr.Radio([], label="Found in the photo", visible=False)
                 with gr.Row(visible=False) as self.tools:
-                    self.other = gr.Button("Another photo", size="sm", min_width=120)
-                    self.mask = gr.UploadButton("Upload a mask", file_types=ENDINGS, size="sm", min_width=120)
-            with gr.Column(min_width=300, visible=False) as self.right:
+                    self.other = gr.Button("Another photo", size="md", min_width=120)
+                    self.mask = gr.UploadButton("Upload a mask", file_types=ENDINGS, size="md", min_width=120)
+            with gr.Column(min_width=300, visible=False, elem_classes=["kfit-right"]) as self.right:
                 self.category = gr.Radio(known, label="What is it?")
                 with gr.Accordion("Camera and depth, if you know them", open=False):
                     self.camera = gr.Textbox(
                         label="Intrinsics in pixels: fx fy cx cy", placeholder="by EXIF tags, else estimated"
                     )
                     self.depth = gr.UploadButton(
-                        "Depth: 16-bit PNG of millimetres, or .npy of metres", file_types=[".png", ".npy"], size="sm"
+                        "Depth: 16-bit PNG of millimetres, or .npy of metres", file_types=[".png", ".npy"], size="md"
                     )
                     self.depth_name = gr.HTML("", **plain)
                 self.fit = gr.Button("Fit", variant="primary", interactive=False)
                 self.stop = gr.Button("Stop", variant="stop", visible=False)
                 self.fit_problem = gr.HTML("", **plain)
-                self.view = gr.HTML(elem_classes=["kfit-plain", "kfit-view"])
+                self.view = gr.HTML(js_on_load=_script("view.js"), elem_classes=["kfit-plain", "kfit-view"])
+            with gr.Column(min_width=300):
                 self.solid = gr.HTML(
                     html_template="${value}",
                     js_on_load=f"{VIEWER.read_text(encoding='utf-8')}\n{_script('solid.js')}",
@@ -75,7 +74,7 @@ class Layout:
                 )
                 with gr.Row(visible=False) as self.downloads:
                     self.files = {
-                        name: gr.DownloadButton(label, size="sm", min_width=120) for name, label in FILES.items()
+                        name: gr.DownloadButton(label, size="md", min_width=150) for name, label in FILES.items()
                     }
 
     @property

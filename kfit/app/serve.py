@@ -113,6 +113,10 @@ def serve(host: str, port: int | None, models: Sequence[str] = ()) -> None:
                 footer_links=[],
                 theme=gr.themes.Default(
                     primary_hue="amber", font=["system-ui", "sans-serif"], font_mono=["ui-monospace", "monospace"]
+                ).set(
+                    button_primary_text_color="#1c1c1f",
+                    button_primary_text_color_dark="#1c1c1f",
+                    button_cancel_background_fill="#b3261e",
                 ),
                 css_paths=[HERE / "page.css"],
                 app_kwargs={"middleware": middleware},

@@ -22,7 +22,7 @@ from kfit.reports.fitted_photo import fitted_photo
 from kfit.reports.words import words_of
 
 # Of the longer side, in pixels: of photos, of photos while a fit runs, and of the examples' thumbnails.
-SHOWN, MOVING, THUMBNAIL = 1280, 720, 240
+SHOWN, MOVING, THUMBNAIL = 1280, 720, 360
 # What is not object is shown through a veil of this much black.
 VEIL = 0.6
 STEPS = ("Photo", "Object", "Answer")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from kfit.runtime.did_you_mean import near
+
 NAMES = {
     "bottle": ("flask", "water bottle", "wine bottle"),
     "bowl": ("dish", "salad bowl"),
@@ -26,4 +28,5 @@ def named_category(name: str) -> str:
     for category, others in NAMES.items():
         if {word, word.removesuffix("s")} & {category, *others}:
             return category
-    raise ValueError(f"category {name!r} is not known; those known are {SPOKEN}")
+    meant = near(word, {*NAMES, *(other for others in NAMES.values() for other in others)})
+    raise ValueError(f"category {name!r} is not known; those known are {SPOKEN}{meant and ';'}{meant}")

@@ -13,8 +13,8 @@ from kfit import __version__
 from kfit.bench import calibrate
 from kfit.bench import command as bench
 from kfit.cli import app, compare, completion, demo, evaluate, export, info, pack, pose, video, views
-from kfit.cli.did_you_mean import suggestion
 from kfit.runtime.console import ENDINGS, add_general_options, session
+from kfit.runtime.did_you_mean import suggestion
 from kfit.runtime.help_page import HelpPage, tree
 from kfit.runtime.parse_errors import sentence
 

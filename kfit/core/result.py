@@ -60,11 +60,11 @@ class FitResult:
     values: Variables
     energy: Tensor
     start: Tensor
-    all_problem: Tensor
-    all_start: Tensor
-    all_energy: Tensor
-    all_values: Variables
-    history: History
+    all_problem: Tensor = field(repr=False)
+    all_start: Tensor = field(repr=False)
+    all_energy: Tensor = field(repr=False)
+    all_values: Variables = field(repr=False)
+    history: History = field(repr=False)
     dropped: list[tuple[int, int, int]] = field(default_factory=list)
     num_evaluations: int = 0
 

@@ -72,7 +72,12 @@ def _from_module(path: str) -> Category:
             f"category must be one of {', '.join(CATEGORIES)}, a .yaml file or an import path such as teapot.TEAPOT, "
             f"got {path!r}{meant}"
         )
-    found = getattr(importlib.import_module(module), name, None)
+    try:
+        found = getattr(importlib.import_module(module), name, None)
+    except ModuleNotFoundError as error:
+        if error.name is None or not f"{module}.".startswith(f"{error.name}."):  # the module itself needs another
+            raise
+        raise ImportError(f"category {path}: {error}; its folder must be the working folder or on PYTHONPATH") from None
     if not isinstance(found, Category):
         raise ValueError(f"category must name a kfit.geometry.Category, but {path} is {type(found).__name__}")
     return found

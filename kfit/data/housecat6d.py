@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kfit.core.check import check_text
 from kfit.data.annotated_frame import WORDS, AnnotatedFrame, AnnotatedObject
@@ -46,7 +47,7 @@ class HouseCat6DFrames(AnnotatedFrames):
         scene, stem = picture.parent.parent, picture.stem
         label = load_pickle(scene / "labels" / f"{stem}_label.pkl")
         try:
-            intrinsics = np.loadtxt(scene / "intrinsics.txt").reshape(3, 3)
+            intrinsics = _intrinsics(scene / "intrinsics.txt")
             numbers = read_picture(scene / "instance" / f"{stem}.png")[..., 2]
             names = ("instance_ids", "class_ids", "rotations", "translations", "gt_scales")
             rows = list(zip(*(np.asarray(label[name]) for name in names), strict=True))
@@ -62,6 +63,15 @@ class HouseCat6DFrames(AnnotatedFrames):
         depth = scene / "depth" / f"{stem}.png"
         where = Path(scene.parent.name, scene.name, stem)
         return AnnotatedFrame(where, picture, intrinsics, things, depth if depth.is_file() else None)
+
+
+def _intrinsics(file: Path) -> NDArray[np.float64]:
+    if not file.is_file():
+        raise FileNotFoundError(f"there is no file {file}")
+    try:
+        return np.loadtxt(file).reshape(3, 3)
+    except ValueError as error:
+        raise ValueError(f"{file} holds no intrinsics of three rows: {error}") from None
 
 
 def _name(kind: int) -> str:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from kfit.core.check import check_text
 from kfit.data.annotated_frame import WORDS, AnnotatedFrame, AnnotatedObject
@@ -68,7 +69,8 @@ class ObjectronFrames(AnnotatedFrames):
         picture, camera = self.shown[index]
         view = _floats(camera, 9, 16, self.file).reshape(4, 4)
         sensor = _floats(camera, 7, 9, self.file).reshape(3, 3)
-        height = float(camera.get(6, [1440])[0])
+        width, height = (int(camera.get(field, [default])[0]) for field, default in ((5, 1920), (6, 1440)))
+        _check_size(picture, (height, width))
         # The sensor's rows are the upright picture's columns, from right to left.
         intrinsics = np.array(
             [[sensor[1, 1], 0, height - 1 - sensor[1, 2]], [0, sensor[0, 0], sensor[0, 2]], [0, 0, 1]]
@@ -86,6 +88,20 @@ class ObjectronFrames(AnnotatedFrames):
         turn = _UPRIGHT @ view[:3, :3]
         placed = turn @ translation + _UPRIGHT @ view[:3, 3]
         return AnnotatedObject.of(_number(thing), WORDS.get(name, name), turn @ rotation, placed, size, intrinsics)
+
+
+def _check_size(picture: Path, upright: tuple[int, int]) -> None:
+    """Refuse a picture of another width and height than the camera's, whose intrinsics would be wrong."""
+    try:
+        with Image.open(picture) as opened:
+            size = opened.size
+    except (OSError, Image.DecompressionBombError) as error:
+        raise ValueError(f"{picture} is no picture: {error}") from None
+    if size != upright:
+        raise ValueError(
+            f"{picture} has {size[0]} x {size[1]} pixels, but the annotated camera {upright[0]} x {upright[1]}; "
+            "extract upright frames at full size"
+        )
 
 
 def _number(message: dict[int, list[Any]]) -> int:

@@ -35,6 +35,9 @@ class Wild6DFrames(AnnotatedFrames):
         if not self.files:
             raise FileNotFoundError(f"{folder} holds no annotations: no *.pkl")
         self.index = [(file, number) for file in self.files for number in self._numbers(file)]
+        if not self.index:
+            place = self._images(self.files[0])
+            raise FileNotFoundError(f"{place} holds no annotated frames: no N.jpg with N-mask.png")
 
     def __len__(self) -> int:
         return len(self.index)
@@ -51,13 +54,14 @@ class Wild6DFrames(AnnotatedFrames):
                 np.asarray(annotation[name], float) for name in ("rotation", "translation", "size")
             )
             # Some hold a scale, or a mirror image.
-            rotation = stored / np.cbrt(np.linalg.det(stored))
+            with np.errstate(all="ignore"):  # AnnotatedObject.of refuses what is not finite
+                rotation = stored / np.cbrt(np.linalg.det(stored))
             intrinsics = _intrinsics(images.parent / "metadata")
             mask = read_picture(images / f"{number}-mask.png", 0) > 0
             name = WORDS.get(self.category, self.category)
             placed = (rotation, translation.ravel(), size.ravel())
             thing = AnnotatedObject.of(0, name, *placed, intrinsics, mask)
-        except (KeyError, TypeError, np.linalg.LinAlgError) as error:
+        except (KeyError, TypeError, ValueError, np.linalg.LinAlgError) as error:
             raise ValueError(f"{file} tells no pose of frame {number}: {error}") from None
         depth = images / f"{number}-depth.png"
         where = Path(*file.stem.split("-"), str(number))

@@ -17,6 +17,9 @@ from kfit.generators.similarity_warp import warp
 from kfit.geometry import Symmetry, check_symmetry, num_turns
 from kfit.geometry.pose_network import PoseNetwork
 
+# Standard deviation of the rolls of objects that stand, in photos taken by hand.
+UPRIGHT_SPREAD_DEG = 15.0
+
 
 class RotationHead(PoseNetwork):
     """Predict log-probabilities of bins of rotations from a picture.
@@ -25,8 +28,11 @@ class RotationHead(PoseNetwork):
     convolutional network has an output for each factor: roll from the original picture, azimuth and elevation from the
     picture rotated back by a roll. A forward pass rotates the picture back by each roll bin; the roll outputs of all
     rotated pictures are averaged (in logarithms, each shifted by its rotation), so that a rotation of the picture by a
-    bin shifts the distribution by a bin. In views straight from above or below, where roll and azimuth are
-    indistinguishable, the targets cover all pairs of the same rotation, because they depend on the rotation alone.
+    bin shifts the distribution of the evidence by a bin. It is multiplied by a prior, because objects mostly stand: a
+    share ``upright`` of the rolls is normal around 0 with a standard deviation of 15°, the others are uniform.
+
+    In views straight from above or below, where roll and azimuth are indistinguishable, the targets cover all pairs of
+    the same rotation, because they depend on the rotation alone.
 
     A stride-2 convolution for each level, all but the first followed by a residual one, then two linear layers.
 
@@ -37,6 +43,7 @@ class RotationHead(PoseNetwork):
         bin_deg: width of a bin in degrees; it must divide 180.
         sigma_deg: standard deviation of a target around the true rotation.
         image_size: side of the pictures in pixels.
+        upright: share of objects that stand, in [0, 1]; 0 for no preference.
 
     Raises:
         ValueError: if an argument is out of range.
@@ -50,6 +57,8 @@ class RotationHead(PoseNetwork):
         (torch.Size([2, 864]), tensor([1., 1.]))
     """
 
+    log_prior: Tensor
+
     def __init__(
         self,
         symmetry: Symmetry = "none",
@@ -58,6 +67,7 @@ class RotationHead(PoseNetwork):
         bin_deg: float = 12.0,
         sigma_deg: float = 7.0,
         image_size: int = 64,
+        upright: float = 0.5,
     ) -> None:
         check_symmetry("RotationHead: symmetry", symmetry)
         check_list("RotationHead: channels", channels, None, check_count, 4)
@@ -65,6 +75,7 @@ class RotationHead(PoseNetwork):
         check_count("RotationHead: image_size", image_size, 2 ** len(channels))
         check_range("RotationHead: bin_deg", bin_deg, 5, 90)
         check_range("RotationHead: sigma_deg", sigma_deg, 0.1, 90)
+        check_range("RotationHead: upright", upright, 0, 1)
         if 180 % bin_deg:
             raise ValueError(f"RotationHead: bin_deg must divide 180, got {bin_deg:g}")
         turn = _bins(-180, 180, round(360 / bin_deg))
@@ -75,6 +86,10 @@ class RotationHead(PoseNetwork):
             symmetry=symmetry,
             sigma=math.radians(sigma_deg),
         )
+        off = torch.arange(len(turn)) * 360 / len(turn)
+        standing = torch.exp(-0.5 * (torch.minimum(off, 360 - off) / UPRIGHT_SPREAD_DEG).square())
+        prior = upright * standing / standing.sum() + (1 - upright) / len(turn)
+        self.register_buffer("log_prior", prior.clamp_min(1e-6).log(), persistent=False)
         self.features = nn.Sequential(convolution(3, channels[0], 2))
         for a, b in pairwise(channels):
             self.features.extend([convolution(a, b, 2), Residual(b)])
@@ -89,7 +104,8 @@ class RotationHead(PoseNetwork):
         roll, view = (output.unflatten(0, (rows, count)) for output in self._outputs(rotated))
         # In the picture rotated back by bin k, the object is at roll j − k.
         bins = torch.arange(count, device=image.device)
-        roll = roll.gather(2, ((bins - bins[:, None]) % count).expand(rows, -1, -1)).mean(1).log_softmax(1)
+        roll = roll.gather(2, ((bins - bins[:, None]) % count).expand(rows, -1, -1)).mean(1)
+        roll = (roll + self.log_prior).log_softmax(1)
         joint: Tensor = (roll[:, :, None] + view).flatten(1)
         return joint
 

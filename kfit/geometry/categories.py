@@ -31,7 +31,8 @@ class Category:
             most 1.
         axes: orientation of the object in its frame, in words; y points up.
         elevation_deg: range of elevations at which photos show standing objects, −90 to 90.
-        upright: share of training views that show the object standing, 0 to 1; the others show it from all directions.
+        upright: share of views that show the object standing, 0 to 1; the others show it from all directions. Training
+            draws views so, and a `kfit.generators.RotationHead` has it as a prior.
         mirror: whether the mirror image in the plane of its x and y axes is an object of the category too. Training
             then flips half of the pictures.
         shapes: import path of a module with ``build(rng, held_out)``, which draws one object as a `kfit.data.Mesh`;

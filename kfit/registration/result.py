@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import torch
 from kornia.geometry.transform import remap, warp_affine3d
@@ -40,14 +40,14 @@ class Registration:
     """
 
     matrix: Tensor | None
-    displacement: Tensor
-    warped: Tensor
-    weight: Tensor
+    displacement: Tensor = field(repr=False)
+    warped: Tensor = field(repr=False)
+    weight: Tensor = field(repr=False)
     overlap: Tensor
     energy: Tensor
     gain: Tensor
     offset: Tensor
-    fits: tuple[FitResult, ...]
+    fits: tuple[FitResult, ...] = field(repr=False)
 
     def warp(self, picture: Tensor) -> Tensor:
         """Warp other pictures of the moving pictures' size, such as label maps, to the fixed ones; 0 outside.

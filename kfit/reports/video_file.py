@@ -16,21 +16,31 @@ CODECS = {".webm": ("VP80", "VP8"), ".mp4": ("vp09", "VP9")}
 
 
 class VideoFile:
-    """A WebM file of VP8 or an MP4 file of VP9, to be used in a ``with`` statement, written picture by picture.
+    """Write a WebM file of VP8 or an MP4 file of VP9, picture by picture, in a ``with`` statement.
 
-    Of what OpenCV's packages encode, MPEG-4 (mp4v) is played by no browser, H.264 is not among it, VP9 takes several
-    times as long as VP8, and VP8, which MP4 does not hold, is played by Chrome, Edge, Firefox and Safari.
+    OpenCV's packages encode no H.264, and no browser plays MPEG-4 (mp4v). Chrome, Edge, Firefox and Safari play VP8,
+    which MP4 cannot contain; VP9 takes several times as long to encode.
 
     Args:
         path: path that ends in .webm or .mp4.
         rate: pictures a second.
 
     Raises:
+        ValueError: for another ending.
         OSError: at the end of the ``with`` statement, if the file was not written to its end.
+
+    Example:
+        >>> import numpy as np
+        >>> from kfit.reports import VideoFile
+        >>> with VideoFile("grey.webm", rate=25) as video:
+        ...     for level in range(0, 250, 10):
+        ...         video.write(np.full((48, 64, 3), level, np.uint8))
     """
 
-    def __init__(self, path: Path, rate: float) -> None:
-        self.path, self.rate = path, rate
+    def __init__(self, path: str | Path, rate: float) -> None:
+        self.path, self.rate = Path(path), rate
+        if self.path.suffix.lower() not in CODECS:
+            raise ValueError(f"path must end in .webm or .mp4, got {str(path)!r}")
         self._writer: cv2.VideoWriter | None = None
 
     def __enter__(self) -> VideoFile:

@@ -71,11 +71,16 @@ def _poses(plot: Axes, onlooker: Tensor, places: Sequence[tuple[float, float]], 
         # One that a larger one covers stays visible through it.
         plot.scatter(x, y, s=area, alpha=0.85, lw=1.6, zorder=5 + (near >= 0), facecolor=face, edgecolor=edge)
         if k == 0 or k in labelled:
-            name = "answer, " if k == 0 else ""
-            # Away from the middle, where the object is.
-            way, va = (1, "bottom") if y >= 0 else (-1, "top")
-            label_y = y + way * (math.sqrt(area / math.pi) / (36 * SIDE / REACH) + 0.03)
-            plot.text(x, label_y, f"{name}{100 * weights[k]:.0f} %", color=colour, ha="center", va=va, zorder=8)
+            share = f"{100 * weights[k]:.0f} %" if len(weights) > 1 else ""
+            name = ", ".join(filter(None, ["answer" if k == 0 else "", share]))
+            away = math.sqrt(area / math.pi) / (36 * SIDE / REACH) + 0.03
+            # Away from the middle, where the object and its axes are, and not over the rim.
+            if abs(x) < 0.5:
+                way, ha = (1, "left") if x >= 0 else (-1, "right")
+                plot.text(x + way * away, y, name, color=colour, ha=ha, va="center", zorder=8)
+            else:
+                way, va = (1, "bottom") if y >= 0 else (-1, "top")
+                plot.text(x, y + way * away, name, color=colour, ha="center", va=va, zorder=8)
 
 
 def _globe(plot: Axes, onlooker: Tensor) -> None:

@@ -81,7 +81,7 @@ def near_class(text: str) -> str | None:
     'kfit.generators.VAE3D'
 
     Args:
-        text: an error that names class paths, or classes by their name alone where it says ``class_path``.
+        text: an error that names class paths, or classes by their name alone where jsonargparse expects a class.
     """
     for path in _PATH.findall(text):
         module, _, name = path.rpartition(".")
@@ -95,15 +95,16 @@ def near_class(text: str) -> str | None:
             return f"{module}.{near}"
     known: dict[str, str] = {}
     for module, found in sorted(sys.modules.items()):
-        if module.startswith("kfit.") and module.count(".") == 1:
+        if module == "lightning.pytorch.callbacks" or (module.startswith("kfit.") and module.count(".") == 1):
             known |= {name: f"{module}.{name}" for name in _classes(found)}
-    for name in re.findall(r"class_path\W+(\w+)['\"]", text):
+    for name in _NAME.findall(text):
         if name not in known and (near := _near(name, known)):
             return known[near]
     return None
 
 
 _PATH = re.compile(r"[A-Za-z_]\w*(?:\.[A-Za-z_]\w*)+")
+_NAME = re.compile(r"(?:class_path|dot import path string:)\W+(\w+)(?=['\"\s]|$)")
 
 
 def _classes(module: ModuleType) -> list[str]:

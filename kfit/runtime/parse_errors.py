@@ -10,7 +10,11 @@ KEY = re.compile(r'Parser key "([^"]+)"(?: element \d+)?: *(.*)')
 EXPECTED = re.compile(r"Expected an? (?:<class '([\w.]+)'>|typing\.Literal\[(.*?)\])(?:\. Got value: *(.*))?")
 GIVEN_VALUE = re.compile(r"Given value: (?:NestedArg\(key='[^']*', val=)?(.*?)\)?$")
 # Lines that lead to others, and what is of no use to a user.
-LEADING = ("Does not validate", "Subtypes:", "Errors:", "Given value type", "Problem with given class_path")
+LEADING = (
+    *("Does not validate", "Subtypes:", "Errors:", "Given value type", "Problem with given class_path"),
+    "Expected a path but",  # where a class is expected, a file of its settings is tried first
+)
+NO_CLASS = re.compile(r"Expected a dot import path string: *(.*)")
 NAMES = {"int": "a whole number", "float": "a number", "bool": "true or false", "str": "text", "NoneType": "null"}
 LONGEST = 80
 
@@ -31,7 +35,9 @@ def _reason(message: str) -> str:
     wanted: list[tuple[int, str, str]] = []
     got = ""
     for line in message.splitlines():
-        text = line.strip().removeprefix("- ")
+        text = NO_CLASS.sub(r"there is no class \1", line.strip().removeprefix("- "))
+        if not text:
+            continue
         depth = len(line) - len(line.lstrip(" -"))
         keys = [(above, key) for above, key in keys if above < depth]
         if found := KEY.match(text):
@@ -44,7 +50,7 @@ def _reason(message: str) -> str:
             got = found[3] if found[3] is not None else got
         elif found := GIVEN_VALUE.match(text):
             got = got or found[1]
-        elif text and not text.startswith(LEADING):
+        elif not text.startswith(LEADING):
             reasons.append((depth, path, text))
     if not wanted and not any(path for _, path, _ in reasons):
         return _on_one_line(message)

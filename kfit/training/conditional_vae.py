@@ -101,11 +101,11 @@ class ConditionalVAE(Training):
             if unused := sorted(set(loss_weights) - set(losses)):
                 # A recipe's weights stay behind when its losses are replaced.
                 names, known = ", ".join(unused), ", ".join(losses)
-                _log.warning("loss_weights: %s weigh nothing, for the losses are %s", names, known)
+                _log.warning("loss_weights: %s has no effect, as the losses are %s", names, known)
                 loss_weights = {name: weight for name, weight in loss_weights.items() if name in losses}
         if taken := sorted(TAKEN & set(losses)):
             reserved = ", ".join(sorted(TAKEN))
-            raise ValueError(f"losses: {', '.join(taken)} is a name that the log needs, and so are {reserved}")
+            raise ValueError(f"losses: the name {taken[0]} is reserved for the log, which uses {reserved}")
         self.remember(inspect.currentframe())
         self.generator, self.encoder, self.extents = generator, encoder, extents
         self.losses = frozen(nn.ModuleDict(losses))

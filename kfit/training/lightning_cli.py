@@ -23,6 +23,7 @@ from kfit.data import ViewsDataModule, read_category
 from kfit.geometry.categories import CATEGORIES, Category
 from kfit.runtime.class_paths import current_paths, current_word, read_old_paths
 from kfit.runtime.console import see_working_folder, session
+from kfit.runtime.did_you_mean import option_suggestion
 from kfit.runtime.help_page import HelpPage
 from kfit.runtime.parse_errors import sentence
 from kfit.runtime.recipe_limits import check_recipe, no_exit
@@ -34,6 +35,7 @@ from kfit.training.continued_log import ContinuedCSVLogger, run_of
 KNOWN: dict[str, Callable[[Category], object]] = {
     "generator.init_args.unit_fraction": lambda category: category.unit_fraction,
     "pose_head.init_args.symmetry": lambda category: category.symmetry,
+    "pose_head.init_args.upright": lambda category: category.upright,
     "regressor.init_args.symmetry": lambda category: category.symmetry,
     "symmetry": lambda category: category.symmetry,
     "unit_fraction": lambda category: category.unit_fraction,
@@ -79,7 +81,8 @@ class _CLI(LightningCLI):
             if message.startswith("Problems parsing config"):  # the message lacks the file
                 recipes = [name for option, name in pairwise(args) if option in ("-c", "--config")]
                 message = f"{', '.join(recipes)}: {message}"
-            raise ValueError(f"{message}; `{command} --help` shows the usage") from None
+            meant = option_suggestion(message, args, parser)
+            raise ValueError(f"{message};{meant} `{command} --help` shows the usage") from None
 
     def instantiate_classes(self) -> None:
         """Build the parts; errors become one sentence."""

@@ -18,5 +18,12 @@ def test_an_unknown_word_lists_those_that_are_known() -> None:
         named_category("teapot")
 
 
+def test_a_misspelt_word_names_the_one_that_may_be_meant() -> None:
+    with pytest.raises(ValueError, match=r"'mgu' is not known; .*; did you mean mug\?$"):
+        named_category("mgu")
+    with pytest.raises(ValueError, match=r"teacup\)$"):
+        named_category("zebra")
+
+
 def test_every_category_has_names() -> None:
     assert list(NAMES) == list(CATEGORIES)

@@ -97,6 +97,7 @@ def test_every_command_shows_the_general_options(capsys):
         (["pose", "a.jpg", "--catgory", "mug"], "--catgory mug; did you mean --category? `kfit pose --help` shows"),
         (["bench", "acuracy"], "did you mean accuracy? `kfit bench --help` shows the usage"),
         (["fitt", "-c", "recipe.yaml"], "did you mean fit? `kfit --help` shows the usage"),
+        (["fit", "--modle.hue", "1"], "--modle.hue 1; did you mean --model? `kfit fit --help` shows the usage"),
     ],
 )
 def test_wrong_words_get_one_sentence_that_names_the_page(words, message, capsys):

@@ -1,8 +1,10 @@
 """Readers of Wild6D, HouseCat6D, Objectron and BOP, on lookalikes with one mug of known pose."""
 
+import pickle
+
 import numpy as np
 import pytest
-from lookalikes import DIAGONAL, K, mug, write_bop, write_housecat6d, write_objectron, write_wild6d
+from lookalikes import DIAGONAL, K, mug, save, write_bop, write_housecat6d, write_objectron, write_wild6d
 
 from kfit.data.bop import BOPEstimate, BOPFrames, read_bop_results, write_bop_results
 from kfit.data.housecat6d import HouseCat6DFrames
@@ -100,3 +102,44 @@ def test_folders_without_frames_say_what_is_missing(tmp_path):
         ObjectronFrames(str(tmp_path / "a.pbdata"), str(tmp_path))
     with pytest.raises(FileNotFoundError, match="holds no scenes of BOP"):
         BOPFrames(str(tmp_path), {1: "mug"})
+
+
+def test_pictures_of_objectron_in_another_size_are_refused(tmp_path):
+    write_objectron(tmp_path)
+    for size, size_text in (((48, 64), "has 64 x 48 pixels"), ((128, 96), "has 96 x 128 pixels")):
+        save(tmp_path / "images" / "0.jpg", np.zeros((*size, 3), np.uint8))
+        with pytest.raises(ValueError, match=f"0.jpg {size_text}, but the annotated camera 128 x 96; extract upright"):
+            read_first("objectron", tmp_path)
+    (tmp_path / "images" / "0.jpg").write_bytes(b"none")
+    with pytest.raises(ValueError, match=r"0\.jpg is no picture"):
+        read_first("objectron", tmp_path)
+
+
+@pytest.mark.parametrize(
+    "annotation",
+    [{"rotation": np.eye(3)}, {"rotation": np.zeros((3, 3)), "translation": np.ones(3), "size": np.ones(3)}],
+    ids=["nothing but a rotation", "no rotation"],
+)
+def test_annotations_of_wild6d_without_a_pose_name_file_and_frame(annotation, tmp_path):
+    write_wild6d(tmp_path)
+    (tmp_path / VICTIMS["wild6d"]).write_bytes(pickle.dumps({"annotations": [annotation]}))
+    with pytest.raises(ValueError, match=r"mug-0001-1\.pkl tells no pose of frame 0"):
+        read_first("wild6d", tmp_path)
+
+
+def test_a_video_of_wild6d_without_masks_says_what_is_missing(tmp_path):
+    write_wild6d(tmp_path)
+    next(tmp_path.rglob("0-mask.png")).unlink()
+    with pytest.raises(FileNotFoundError, match=r"holds no annotated frames: no N\.jpg with N-mask\.png"):
+        read_first("wild6d", tmp_path)
+
+
+def test_intrinsics_of_housecat6d_that_are_none_name_their_file(tmp_path):
+    write_housecat6d(tmp_path)
+    file = tmp_path / "test_scene1" / "intrinsics.txt"
+    file.write_text("a b c")
+    with pytest.raises(ValueError, match=r"intrinsics\.txt holds no intrinsics"):
+        read_first("housecat6d", tmp_path)
+    file.unlink()
+    with pytest.raises(FileNotFoundError, match=r"there is no file .*intrinsics\.txt"):
+        read_first("housecat6d", tmp_path)

@@ -87,3 +87,14 @@ def test_views_of_one_s_own_category_tell_all_of_it_to_the_checkpoint(own_pots, 
 def test_a_category_without_shapes_asks_for_meshes(tmp_path):
     with pytest.raises(ValueError, match="vase has no shapes to draw, so meshes or views must be given"):
         ViewsDataModule(Category("vase", 0.3))
+
+
+def test_a_module_that_is_not_found_is_looked_for_on_the_path(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(str(tmp_path))
+    (tmp_path / "needy_pots.py").write_text("import nothing_of_the_kind\n")
+    with pytest.raises(
+        ImportError, match="No module named 'no_pots'; its folder must be the working folder or on PYTHO"
+    ):
+        read_category("no_pots.TEAPOT")
+    with pytest.raises(ImportError, match=r"No module named 'nothing_of_the_kind'$"):
+        read_category("needy_pots.TEAPOT")

@@ -59,10 +59,9 @@ def test_two_photos_are_registered_to_a_fraction_of_a_pixel(tmp_path: Path) -> N
 
 
 @pytest.mark.slow
-def test_the_pose_of_a_known_mesh_is_found(tmp_path: Path) -> None:
-    printed = run("fit_known_mesh.py", tmp_path)
-    assert numbers(r"off by ([\d.]+)°", printed)[0] < 3
-    assert numbers(r"scale ([\d.]+)", printed)[0] == pytest.approx(1, abs=0.03)
+def test_the_pose_of_a_known_mesh_is_found_in_clutter_from_forty_degrees_away(tmp_path: Path) -> None:
+    before, after = numbers(r"off by ([\d.]+)°", run("fit_known_mesh.py", tmp_path))
+    assert after < 5 < 39 < before
 
 
 @pytest.mark.slow

@@ -28,10 +28,21 @@ def test_gives_log_probabilities_over_bins_of_all_rotations(symmetry, bins) -> N
 
 
 def test_turning_the_picture_by_a_right_angle_turns_the_distribution() -> None:
-    head = small().eval()
+    head = small(upright=0.0).eval()
     image = torch.rand(1, 3, 16, 16)
     there, rotated = (head(picture).view(12, -1) for picture in (image, image.rot90(1, (2, 3))))
     torch.testing.assert_close(rotated, there.roll(3, 0), rtol=1e-3, atol=1e-3)
+
+
+def test_standing_objects_are_likelier_by_the_prior_alone() -> None:
+    image = torch.rand(1, 3, 16, 16)
+    heads = small(upright=0.0), small(upright=0.5)
+    without, with_prior = (head(image).detach().view(12, -1).logsumexp(1) for head in heads)
+    ratio = (with_prior - without).exp()
+    # 30° bins: e⁰ and twice e^−2 of the standing half, and a twelfth of the other.
+    standing = 1 / (1 + 2 * math.exp(-2) + 2 * math.exp(-8))
+    assert float(ratio[0] / ratio[6]) == pytest.approx((0.5 * standing + 0.5 / 12) / (0.5 / 12), rel=1e-3)
+    assert float(with_prior.exp().sum()) == pytest.approx(1, abs=1e-4)
 
 
 def test_the_kernel_is_an_isotropic_matrix_fisher_distribution() -> None:

@@ -27,3 +27,8 @@ def test_pictures_come_back_from_the_file_in_their_colours_and_order(tmp_path, c
 def test_a_place_that_cannot_be_written_to_is_reported(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"no/video\.webm"), VideoFile(tmp_path / "no/video.webm", 25) as v:
         v.write(np.zeros((48, 64, 3), np.uint8))
+
+
+def test_another_ending_is_refused_in_one_sentence() -> None:
+    with pytest.raises(ValueError, match=r"path must end in \.webm or \.mp4, got 'clip\.avi'"):
+        VideoFile("clip.avi", 25)

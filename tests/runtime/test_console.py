@@ -1,5 +1,6 @@
 """Quiet, verbose, notes, progress, and how commands end."""
 
+import importlib
 import io
 import logging
 import os
@@ -59,6 +60,19 @@ def test_how_a_command_ends_tells_what_went_wrong(error, status, command, capsys
     assert ("fault of kfit's" in err) == (status == 1)
     assert ("--verbose" in err) == (status == 1)
     assert len(err.splitlines()) <= 1
+
+
+def test_a_function_of_one_s_own_with_another_signature_is_no_fault_of_kfit_s(command, capsys, tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(str(tmp_path))
+    (tmp_path / "own_watch.py").write_text("class Watch:\n    def on_start(self):\n        pass\n")
+    own_watch = importlib.import_module("own_watch")
+    names = {"watch": own_watch.Watch()}
+    exec(compile("def run(args): watch.on_start(1)", info.__file__, "exec"), names)
+    command(names["run"])
+    assert ended(["info"]) == 1
+    err = capsys.readouterr().err
+    assert "own_watch.py, Watch.on_start: TypeError: Watch.on_start() takes 1 positional argument but 2" in err
+    assert "fault of kfit's" not in err
 
 
 @pytest.mark.parametrize("error", [ValueError("wrong"), KeyError("wrong")])

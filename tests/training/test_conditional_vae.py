@@ -90,16 +90,12 @@ def trainer(tmp_path, **settings):
 @pytest.fixture
 def logged(monkeypatch):
     """Collects what a step without a trainer writes down."""
-    logged_values = {}
+    kept = {}
+    monkeypatch.setattr(ConditionalVAE, "log", lambda self, name, value, **_: kept.update({name: float(value)}))
     monkeypatch.setattr(
-        ConditionalVAE, "log", lambda self, name, value, **_: logged_values.update({name: float(value)})
+        ConditionalVAE, "log_dict", lambda self, values, **_: kept.update({k: float(v) for k, v in values.items()})
     )
-    monkeypatch.setattr(
-        ConditionalVAE,
-        "log_dict",
-        lambda self, values, **_: logged_values.update({k: float(v) for k, v in values.items()}),
-    )
-    return logged_values
+    return kept
 
 
 class TestTheLoss:
@@ -294,9 +290,9 @@ class TestTraining:
         [
             (
                 {"losses": {"kl": L1()}, "loss_weights": None},
-                "kl is a name that the log needs, and so are extents, kl, l1, loss",
+                "the name kl is reserved for the log, which uses extents, kl, l1, loss",
             ),
-            ({"losses": {"ssim": L1()}, "loss_weights": None}, "losses: ssim is a name that the log needs"),
+            ({"losses": {"ssim": L1()}, "loss_weights": None}, "losses: the name ssim is reserved for the log"),
         ],
     )
     def test_mistakes_in_the_losses_names_are_reported_when_it_is_built(self, changes, message):

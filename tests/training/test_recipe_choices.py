@@ -130,7 +130,7 @@ def test_a_checkpoint_tells_what_it_came_from(place):
 @pytest.mark.slow
 def test_weights_that_a_recipe_left_behind_are_told_and_weigh_nothing(trainers, capsys):
     train("--model.losses", '{"image": {"class_path": "kfit.energies.L1"}}')
-    assert "loss_weights: mask weigh nothing, for the losses are image" in capsys.readouterr().err
+    assert "loss_weights: mask has no effect, as the losses are image" in capsys.readouterr().err
     assert trainers[0].lightning_module.loss_weights == {"image": 1.0}
 
 
@@ -140,7 +140,11 @@ def test_weights_that_a_recipe_left_behind_are_told_and_weigh_nothing(trainers, 
     [
         (("--model.generator", "kfit.generators.VEA3D"), 2, "did you mean kfit.generators.VAE3D?"),
         (("--trainer.callbacks+=EarlyStopping", "--trainer.callbacks.monitor", "val/none"), 2, "val/none"),
-        (("--model.losses", '{"kl": {"class_path": "kfit.energies.L1"}}'), 2, "and so are extents, kl, l1"),
+        (
+            ("--model.losses", '{"kl": {"class_path": "kfit.energies.L1"}}'),
+            2,
+            "the log, which uses extents, kl, l1, loss",
+        ),
     ],
 )
 def test_wrong_choices_are_the_user_s_and_get_a_sentence(capsys, words, code, message):

@@ -26,10 +26,10 @@ def parser() -> ArgumentParser:
         "stopped. Tables: 1a (w/o 3D, w/o VAE, full), 1b (code of "
         "4, 16, 128), 2a (energies), backbone (VAE3D against RadianceField), curves (RGB, RGB-D, regressor, "
         "NOCS-style, pose head), robustness (laptops), and paper_1a, paper_1b, paper_2a, paper_curves, "
-        "paper_robustness. On a GPU, all of it: --train-steps 6000 --views 150 --seeds 3; overnight on a CPU: --hours "
-        "10, which measures the first rows.",
-        epilog="example, which takes some 20 minutes from trained weights:\n  kfit bench paper --tables '[1a,2a]' "
-        "--categories '[laptop]' --views 20 --starts 8 --steps 30 --out quick",
+        "paper_robustness. On a GPU, all of it: --train-steps 6000 --views 150 --seeds 3.",
+        epilog="examples, the first overnight on one CPU core, the second some 20 minutes from trained weights:\n"
+        "  kfit bench paper --train-steps 900 --starts 8 --steps 30 --hours 10\n"
+        "  kfit bench paper --tables '[1a,2a]' --categories '[laptop]' --views 20 --starts 8 --steps 30 --out quick",
     )
     known = ["1a", "1b", "2a", "backbone", "curves", "robustness"]
     parser.add_argument(
