@@ -7,7 +7,7 @@ import pytest
 
 from kfit.bench.command import BENCHMARKS
 from kfit.cli.main import COMMANDS, TRAINING, main, parser
-from kfit.runtime.help_page import tree
+from kfit.runtime.parser_parts import tree
 
 NAMES = ["", *COMMANDS, *(f"bench {name}" for name in BENCHMARKS)]
 GENERAL = {"-h", "-q", "-v", "--version", "--import"}
