@@ -55,6 +55,7 @@ def test_a_recipe_may_name_parts_in_the_working_folder(
     assert sys.path[-1] == str(tmp_path)
 
 
+@pytest.mark.slow
 def test_pose_prints_the_json_on_request(cutout: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     camera = ["--intrinsics", "300", "300", "63.5", "63.5"]
     main(["pose", str(cutout), "--category", "mug", "--out", str(tmp_path), "--json", *camera])

@@ -49,6 +49,7 @@ def detector(path: Path, name: str) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_pose_takes_the_detection_of_its_category(
     photo: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

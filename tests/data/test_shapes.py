@@ -93,6 +93,7 @@ def test_a_laptops_screen_faces_plus_x_and_its_base_is_low(held_out, monkeypatch
         assert screen.sum() > 20
 
 
+@pytest.mark.slow
 def test_laptops_stand_at_every_angle_of_the_hinge(monkeypatch):
     opening = [laptop._opening_deg(np.random.default_rng(seed)) for seed in range(200)]
     assert min(opening) < 20

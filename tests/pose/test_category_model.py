@@ -202,6 +202,7 @@ def test_the_handle_share_is_zero_from_behind_and_large_from_the_side() -> None:
     assert shares[1] < 0.02  # azimuth 90° turns +x away from the viewer
 
 
+@pytest.mark.slow
 def test_errors_do_not_depend_on_the_batch(tiny_model: CategoryModel) -> None:
     views = held_out_views(tiny_model, 3, photo_size=64)
     pipeline = tiny_model.pipeline(3, 2)

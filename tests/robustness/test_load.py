@@ -110,6 +110,7 @@ class Kept(Callback):
 
 
 class TestNothingIsLeftBehind:
+    @pytest.mark.slow
     @pytest.mark.parametrize("kind", ["tensor", "array"])
     def test_one_small_picture_an_object_that_is_kept_is_noticed(self, kind, scratch):
         kept = blobs(Kept(kind), steps=0)
@@ -121,6 +122,7 @@ class TestNothingIsLeftBehind:
         fit = blobs(Pruning({1: 3}), Stopping())
         leaves_nothing(lambda number: fit(blob(number), seed=number), count, min(100, count // 3))
 
+    @pytest.mark.slow
     def test_by_fits_that_break_off(self, scratch):
         fit = blobs(Fails(ZeroDivisionError))
 

@@ -88,6 +88,7 @@ class TestASeedDecides:
         whole = registration(optimizer)(moved(), seed=2)
         assert_same(registration(optimizer)(moved(rows), seed=2), whole, rows, 1e-9)
 
+    @pytest.mark.slow
     @pytest.mark.parametrize("pictures", [1, 2, 1000])
     def test_an_answer_that_chunks_of_any_size_give(self, optimizer, pictures, monkeypatch) -> None:
         whole = registration(optimizer)(moved(), seed=2)
@@ -187,7 +188,9 @@ class TestWhatIsNoNumber:
         with pytest.raises(FitError, match="every start of every problem became NaN or infinite by step 0"):
             written(Written(scale=torch.full((6,), math.nan)))(moved((0, 1)), seed=0)
 
-    @pytest.mark.parametrize("broken", [math.nan, math.inf, -math.inf])
+    @pytest.mark.parametrize(
+        "broken", [math.nan, *(pytest.param(sign * math.inf, marks=pytest.mark.slow) for sign in (1, -1))]
+    )
     @pytest.mark.parametrize("name", ["image", "mask", "depth", "weight"])
     def test_in_a_picture_leaves_the_other_pictures_their_answers(self, name, broken) -> None:
         fit, whole = in_depth(), with_depth()

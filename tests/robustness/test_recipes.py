@@ -30,6 +30,10 @@ NO_RECIPES = {
     "a tagged name": "model: !!python/name:os.system\n",
     "a function": "model:\n  class_path: os.system\n  init_args: {command: touch pwned}\n",
 }
+QUICK = ("binary", "a tag", "a function")  # the others run with --runslow
+CASES = [
+    pytest.param(text, id=name, marks=() if name in QUICK else pytest.mark.slow) for name, text in NO_RECIPES.items()
+]
 FEW = settings(max_examples=16, derandomize=True, deadline=None, database=None, suppress_health_check=list(HealthCheck))
 VALUES = st.recursive(
     st.none() | st.booleans() | st.floats() | st.integers(-9, 9) | st.text(max_size=4),
@@ -100,7 +104,7 @@ def test_a_recipe_of_the_repository_is_understood_and_its_mistakes_are_reported(
         refused(capsys, written(yaml.safe_dump(change)), recipe, words)
 
 
-@pytest.mark.parametrize("text", NO_RECIPES.values(), ids=NO_RECIPES)
+@pytest.mark.parametrize("text", CASES)
 def test_what_is_no_recipe_is_refused(text, capsys):
     refused(capsys, written(text), TRAINED[-1])
 
@@ -133,7 +137,7 @@ def fit():
     return yaml.safe_load(FIT.read_text()) | {"energies": {"image": "kfit.energies.L1"}}
 
 
-@pytest.mark.parametrize("text", NO_RECIPES.values(), ids=NO_RECIPES)
+@pytest.mark.parametrize("text", CASES)
 def test_what_is_no_fit_is_refused(model, text):
     one_sentence(model, text.replace("model", "optimizer") if isinstance(text, str) else text)
 

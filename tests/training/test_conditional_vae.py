@@ -191,10 +191,8 @@ class TestTheLoss:
     def test_shows_the_encoder_a_photograph_of_the_view_jittered(self, logged):
         module, sample, recorded = build(), batch(), []
         sample["source_mask"] = sample["source"][:, :1]
-        module.photometric, module.similarity = (
-            (lambda image, mask: image * mask),
-            (lambda image: recorded.append(image) or image),
-        )
+        module.photometric = lambda image, mask: image * mask
+        module.similarity = lambda image: recorded.append(image) or image
         with torch.no_grad():
             module.training_step(sample, 0)
         torch.testing.assert_close(recorded[0], sample["source"] * sample["source_mask"])
@@ -237,6 +235,7 @@ class TestTraining:
             assert bool(p.isfinite().all()), name
             assert not torch.equal(p, before[name]), name
 
+    @pytest.mark.slow
     @quiet
     def test_brings_the_loss_down_on_what_it_sees_again_and_again(self, tmp_path):
         module, losses = build(losses={"image": L1()}, loss_weights=None, kl_weight=0.0), []
