@@ -115,7 +115,9 @@ class Video:
 
     def __init__(self, model: CategoryModel, frames: Frames, args: Namespace) -> None:
         from kfit.segmentation import pictures
+        from kfit.tracking.track_confidence import pose_head_of
 
+        pose_head_of(model)  # refused before the first frame is fitted
         self.model, self.frames, self.args = model, frames, args
         self.summary = VideoSummary()
         self.masks = None if args.masks is None else pictures(Path(args.masks))

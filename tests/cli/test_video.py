@@ -153,6 +153,15 @@ def test_a_users_mistake_gets_one_sentence_and_writes_nothing(
     assert not (tmp_path / "out").exists()
 
 
+def test_a_model_without_a_pose_head_is_refused_before_a_fit(
+    tiny_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(CategoryModel, "pose", lambda *args, **named: pytest.fail("fitted in vain"))
+    imsave(tmp_path / "0.png", np.full((48, 64, 3), 200, np.uint8), check_contrast=False)
+    words = [str(tmp_path), "--model", str(tiny_file), "--out", str(tmp_path / "out")]
+    assert "has no pose head, which tracking needs" in refused(words, capsys)
+
+
 def test_a_broken_clip_is_reported_in_one_line(tmp_path: Path) -> None:
     (tmp_path / "no.mp4").write_text("no clip")
     words = [sys.executable, "-m", "kfit", "video", str(tmp_path / "no.mp4"), "--category", "mug"]
