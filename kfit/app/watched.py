@@ -31,7 +31,7 @@ class Drawn:
         num_starts: how many starts are still on their way.
         energy: the least so far.
         drawing: (S, S, 3) in [0, 1], of the start that reached it.
-        silhouette: (S, S) in [0, 1], where the drawing shows the object; None where the generator does not tell.
+        silhouette: (S, S) in [0, 1], where the drawing shows the object; None if the generator draws no mask.
         observed: (S, S, 3), the picture to explain.
         crop: the square of the photo that it shows.
     """
@@ -56,7 +56,7 @@ class Watching(Callback):
     Args:
         generator: generator of the fit.
         observed: object that is fitted.
-        tell: called with each `Drawn`.
+        report: called with each `Drawn`.
         left: once set, the fit breaks off at its next step.
     """
 

@@ -166,6 +166,6 @@ def print_reliability(found: dict[str, Any], how: str) -> None:
     table_console(100).print(table)
     print(
         f"{100 * found['right']:.0f} % of {sum(row['number'] for row in found['bins'])} are within 20°; calibration "
-        f"error {100 * found['calibration error']:.1f} %; Brier score {found['brier']:.3f}, of the share said of all "
-        f"{found['brier of the share']:.3f}"
+        f"error {100 * found['calibration error']:.1f} %; Brier score {found['brier']:.3f}, "
+        f"{found['brier of the share']:.3f} if all had the share of right ones as confidence"
     )

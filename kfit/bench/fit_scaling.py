@@ -46,7 +46,7 @@ def resized(model: CategoryModel, code_dim: int, image_size: int) -> RadianceFie
     own = made.state_dict()
     for name, tensor in own.items():
         weight = trained[name]
-        if weight.shape != tensor.shape:  # of what a code says: further numbers of it say nothing
+        if weight.shape != tensor.shape:  # further numbers of a code have no effect
             both = min(weight.shape[-1], tensor.shape[-1])
             tensor.zero_()[..., :both] = weight[..., :both]
         else:

@@ -1,4 +1,4 @@
-"""Tell versions, devices, bundled models, caches and extras."""
+"""Print versions, devices, bundled models, caches and extras."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ MIB = 2**20
 def parser() -> ArgumentParser:
     """Arguments of ``kfit info``."""
     parser = ArgumentParser(
-        description="Tell what a report of a problem needs, and what is there: versions, devices, bundled models with "
+        description="Print what a report of a problem needs, and what is there: versions, devices, bundled models with "
         "their rotation errors on unseen procedural objects, folders of what was kept, and optional parts.",
         epilog="examples:\n  kfit info\n  kfit info --json",
     )

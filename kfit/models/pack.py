@@ -101,11 +101,11 @@ def _head(path: Path) -> tuple[nn.Module, Mapping[str, Any], str, Any]:
 
 
 def _category_of(saved: Any) -> Category:
-    """The category that a checkpoint tells, by name or by its fields."""
+    """Return the category that a checkpoint holds by name or by its fields."""
     if isinstance(saved, str) and saved in CATEGORIES:
         return CATEGORIES[saved]
     if not isinstance(saved, Mapping):
-        raise ValueError(f"the checkpoint is of the category {str(saved)[:100]!r}, of which it tells nothing else")
+        raise ValueError(f"the checkpoint is of the category {str(saved)[:100]!r}, which it does not describe")
     return Category.of_dict(saved)
 
 

@@ -88,14 +88,14 @@ class Card:
 
     @property
     def known(self) -> Category:
-        """The category, by what the card tells of it."""
+        """The category, as the card describes it."""
         fields = {name: getattr(self, name) for name in OF_CATEGORY}
         own = CATEGORIES.get(self.category)
         return Category(self.category, **fields, nocs_id=None if own is None else own.nocs_id)
 
     @staticmethod
     def fields_of(category: Category) -> dict[str, Any]:
-        """Fields of the card that tell of a category, but its name."""
+        """Return the fields of the card that describe a category, without its name."""
         return {name: getattr(category, name) for name in OF_CATEGORY}
 
     def to_json(self) -> str:

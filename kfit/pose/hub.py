@@ -111,7 +111,7 @@ def model_page(card: Card) -> str:
         "",
         "## Training",
         "",
-        f"- steps: {card.training.get('steps', 'not told')}, pairs: {card.training.get('pairs', 'not told')}",
+        f"- steps: {card.training.get('steps', 'unknown')}, pairs: {card.training.get('pairs', 'unknown')}",
         *(f"- {key}: {provenance[key]}" for key in ("kfit", "torch", "code", "data", "seed", "device") if provenance),
         "",
         "## Measured",

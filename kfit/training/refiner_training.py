@@ -28,7 +28,7 @@ LOGIT_WEIGHT = 2.0
 class RefinerTraining(Training):
     """Trains one refiner for all categories on drawings by frozen generators.
 
-    Each step shows views of new objects, cut out, hidden in parts and augmented as photos, beside drawings of them at
+    Each step shows views of new objects, cut out, hidden in parts and augmented as photos, with drawings of them at
     wrong poses with codes from the encoders; as many of the last step's objects at the poses to which the refiner has
     led them; and rows of earlier steps again, half of them mirrored. Batches are those of
     `kfit.data.CategoriesDataModule`; their targets are used. See ``kfit.training.refiner_rows.RefinerRows.losses``.
