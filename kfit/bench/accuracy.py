@@ -52,7 +52,7 @@ def parser() -> ArgumentParser:
 
 
 def add_sources(parser: ArgumentParser, views: int) -> None:
-    """Add the arguments that choose models, and what they are measured on, by default on ``views`` procedural objects."""
+    """Add the arguments that choose models and what they are measured on, ``views`` procedural objects by default."""
     models = parser.add_argument_group("models")
     models.add_argument(
         "--categories", type=list[str], default=None, metavar="[NAME,…]", help="bundled models (default: all of them)"

@@ -102,7 +102,7 @@ def camera_angles(rotation: NDArray[np.float64], translation: NDArray[np.float64
 
 
 def view_words(front: str | None, rotation: NDArray[np.float64], translation: NDArray[np.float64]) -> str:
-    """Describe where the camera is about the object, where the object's front is if it has one, and how far it leans."""
+    """Describe where the camera is about the object, where its front is if it has one, and how far it leans."""
     azimuth, elevation, roll = camera_angles(rotation, translation)
     words = [f"seen from {_height(elevation)}"]
     if front is not None:
