@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from kfit.pose import CategoryModel
 
 FILE = "speed.json"
-# Weight of the released picture energy relative to kfit's priors: what the code prior's weight of 0.02 is to the released 1.
+# Weight of the released picture energy relative to kfit's priors, as the code prior's 0.02 to the released 1.
 RELEASED_WEIGHT = 0.02
 DONE = "fits"
 
