@@ -88,7 +88,10 @@ def category_picture(category: str) -> None:
     """Photo, drawing in it, box, mesh."""
     photo, steps, result = fitted(category)
     left, top, width, height = result.bbox_xywh
-    center, side = np.array([left + width / 2, top + height / 2]), 1.5 * max(width, height)
+    rows, columns = photo.image.shape[:2]
+    side = min(1.5 * max(width, height), rows, columns * HEIGHT / WIDTH)
+    half = np.array([side * WIDTH / HEIGHT, side]) / 2
+    center = np.clip([left + width / 2, top + height / 2], half, np.array([columns, rows]) - half)
     panels = [(255 * photo.image).round().astype(np.uint8)]
     panels += [drawn_in(photo.image, steps[-1]), fitted_photo(result)]
     shown = []

@@ -32,8 +32,7 @@ class Drawn:
         energy: the least so far.
         drawing: (S, S, 3) in [0, 1], of the start that reached it.
         silhouette: (S, S) in [0, 1], where the drawing shows the object; None if the generator draws no mask.
-        observed: (S, S, 3), the picture to explain.
-        crop: the square of the photo that it shows.
+        crop: the square of the photo that it explains.
     """
 
     step: int
@@ -42,7 +41,6 @@ class Drawn:
     energy: float
     drawing: NDArray[np.float32]
     silhouette: NDArray[np.float32] | None
-    observed: NDArray[np.float32]
     crop: Crop
 
 
@@ -83,7 +81,6 @@ class Watching(Callback):
                     energy=float(state.best_energy[best]),
                     drawing=_picture(rendering.image),
                     silhouette=None if rendering.mask is None else rendering.mask[0, 0].float().cpu().numpy(),
-                    observed=_picture(self.observed.observation.field("image")),
                     crop=self.observed.crop,
                 )
             )

@@ -58,7 +58,8 @@ class AccuracyFits:
         found: Figures = {}
         for category, model in self.models.items():
             if model.card.shapes is None:
-                log.warning("%s: nothing draws objects of this category; --meshes gives some to measure on", category)
+                if not self.args.meshes:
+                    log.warning("%s: nothing draws its objects; --meshes gives some to measure on", category)
                 continue
             task = self.bar.add_task(f"{category}, procedural", total=self.args.views)
             if category not in self.views:

@@ -1,4 +1,4 @@
-"""Measure how often a model's answers are right, and write it into its card, so that confidence is calibrated."""
+"""Measure how often a model's answers are right, which calibrates the confidence in its card."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Measure: models on objects that they have never seen, optimizers, and image registration."""
+"""Measure models on unseen objects, optimizers, registration, speed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Open a local page: press an example or drop a photo, watch the fit, turn the answer.
+"""Open a local page: choose an example or a photo, watch the fit, rotate the answer.
 
 Needs the package's extra: pip install 'kfit[app]'.
 """

@@ -1,4 +1,4 @@
-"""Compare trainings by their folders: what their recipes differ in, what they came to, and their curves."""
+"""Compare trainings: differences of their recipes, their results and curves."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 def parser() -> ArgumentParser:
     """Arguments of ``kfit compare``."""
     parser = ArgumentParser(
-        description="Print in what the recipes of trainings differ, and last and best of each measure on held-out "
-        "views; write their curves as a picture.",
+        description="Print the differences of the recipes of trainings, and the last and best value of each measure on "
+        "held-out views; draw their curves.",
         epilog="example:\n  kfit compare lightning_logs/version_0 lightning_logs/version_1 --curves curves.png",
     )
     parser.add_argument("folders", type=str, nargs="+", metavar="RUN", help="folders such as lightning_logs/version_0")

@@ -1,4 +1,4 @@
-"""Print what makes a shell complete kfit's commands, options and files."""
+"""Print a script with which a shell completes kfit's commands, options and files."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ SHELLS = Literal["bash", "zsh", "fish"]
 def parser() -> ArgumentParser:
     """Arguments of ``kfit completion``."""
     parser = ArgumentParser(
-        description="Print a script that makes a shell complete kfit's commands, options and the files that they take. "
-        "Have your shell read it when it starts:",
+        description="Print a script with which a shell completes kfit's commands, options and their files. "
+        "Let your shell read it at its start:",
         epilog="""bash, a line of ~/.bashrc:
   eval "$(kfit completion bash)"
 

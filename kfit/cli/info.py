@@ -1,4 +1,4 @@
-"""Print versions, devices, bundled models, caches and extras."""
+"""Show versions, devices, bundled models, caches and extras."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ MIB = 2**20
 def parser() -> ArgumentParser:
     """Arguments of ``kfit info``."""
     parser = ArgumentParser(
-        description="Print what a report of a problem needs, and what is there: versions, devices, bundled models with "
-        "their rotation errors on unseen procedural objects, folders of what was kept, and optional parts.",
+        description="Show what a bug report needs: versions, devices, bundled models with their rotation errors on "
+        "unseen procedural objects, caches and optional packages.",
         epilog="examples:\n  kfit info\n  kfit info --json",
     )
     parser.add_argument("--json", action="store_true", help="print JSON instead of tables")

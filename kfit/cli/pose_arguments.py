@@ -31,7 +31,7 @@ def parser() -> ArgumentParser:
         nargs="+",
         help="picture files, or folders of them; an alpha channel, if any, selects the object",
     )
-    thing = parser.add_argument_group("what and where the object is, where not all of them are meant")
+    thing = parser.add_argument_group("the object, unless all are meant")
     thing.add_argument(
         "--category", type=str, default=None, metavar="NAME", help=f"search for this category only, one of {SPOKEN}"
     )
@@ -44,8 +44,8 @@ def parser() -> ArgumentParser:
         action="append",
         default=None,
         metavar="FILE",
-        help="a picture of the photo's size, light on the object (default: the photo's alpha channel); of several "
-        "photos --mask once for each, in their order",
+        help="a picture of the photo's size, light on the object (default: the photo's alpha channel); for "
+        "several photos, repeat --mask in their order",
     )
     thing.add_argument(
         "--box",
@@ -54,7 +54,7 @@ def parser() -> ArgumentParser:
         action="append",
         default=None,
         metavar=("X", "Y", "W", "H"),
-        help="box around the object in pixels; of several photos --box once for each",
+        help="box around the object in pixels; for several photos, repeat --box in their order",
     )
     thing.add_argument(
         "--ignore",
@@ -63,14 +63,14 @@ def parser() -> ArgumentParser:
         metavar="FILE",
         help="a picture of the photo's size, light where something else hides the object; it does not count there",
     )
-    thing.add_argument("--pick", action="store_true", help="list what was found, and ask which of it is meant")
+    thing.add_argument("--pick", action="store_true", help="list the objects found, and ask which to fit")
     thing.add_argument(
         "--segmenter",
         type=str,
         default=None,
         metavar="FILE.onnx",
-        help="a network of yours that finds objects, instead of kfit's: Mask R-CNN or YOLO-seg, or one that segments "
-        "what stands out, U²-Net or IS-Net",
+        help="your own network to find objects, instead of kfit's: Mask R-CNN or YOLO-seg, or U²-Net or IS-Net, which "
+        "segment salient objects",
     )
     camera = parser.add_argument_group("camera")
     camera.add_argument(
@@ -104,17 +104,17 @@ def parser() -> ArgumentParser:
         default=None,
         metavar="RECIPE.yaml",
         help="fit by a recipe, such as recipes/fit_released.yaml (default: kfit's own fit); a recipe names Python "
-        "classes, so run one only of whom you trust, like a program",
+        "classes, so run only recipes that you trust",
     )
-    fit.add_argument("--device", type=str, default="cpu", help="cpu, cuda or whatever PyTorch calls it")
+    fit.add_argument("--device", type=str, default="cpu", help="cpu, cuda or another name of PyTorch's")
     fit.add_argument(
         "--precision",
         type=str,
         default="32",
         choices=["32", "bf16"],
-        help="bf16 draws by bfloat16 convolutions, a fifth faster on a CPU that has them; poses differ by 0.1° or so",
+        help="bf16 computes convolutions in bfloat16: a fifth faster on a CPU that has it; poses differ by about 0.1°",
     )
-    fit.add_argument("--seed", type=int, default=0, help="decides the random numbers")
+    fit.add_argument("--seed", type=int, default=0, help="seed of the random numbers")
     output = parser.add_argument_group("output")
     output.add_argument("--out", type=str, default="kfit_out", help="folder to write to", metavar="DIR")
     output.add_argument(

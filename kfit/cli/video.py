@@ -37,7 +37,7 @@ def parser() -> ArgumentParser:
   kfit video clip.mp4 --category mug --box 120 80 300 260
   kfit video frames/ --category mug --masks masks/""",
     )
-    parser.add_argument("frames", type=str, help="a video file, or a folder of pictures, by the numbers in their names")
+    parser.add_argument("frames", type=str, help="a video file, or a folder of pictures numbered by their names")
     parser.add_argument("--category", type=str, default=None, help="kind of object: a bundled model's name")
     parser.add_argument(
         "--model", type=str, default=None, help="a .safetensors model of your own, instead of --category"
@@ -50,7 +50,7 @@ def parser() -> ArgumentParser:
         type=str,
         default=None,
         metavar="FOLDER",
-        help="such pictures of all frames, by the numbers in their names; all 0 where the object is not to be seen",
+        help="a mask for each frame, numbered by their names; all 0 where the object is not visible",
     )
     parser.add_argument(
         "--box",
@@ -76,7 +76,7 @@ def parser() -> ArgumentParser:
         help="camera in pixels; else by the first frame's EXIF tags, else the focal length is estimated",
     )
     parser.add_argument("--out", type=str, default="kfit_out", help="folder to write to", metavar="DIR")
-    parser.add_argument("--seed", type=int, default=0, help="decides the random numbers")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the random numbers")
     return parser
 
 
@@ -171,7 +171,7 @@ class Video:
                 yield frame, tracker(frame.photo, mask_from_alpha(frame.photo.alpha) if mask is None else mask)
 
     def mask(self, number: int, frame: Frame) -> NDArray[np.float32] | None:
-        """Return the mask of a frame from the files of the command line, None if they hold none."""
+        """Return the mask of a frame, or None where none was given for it."""
         from kfit.segmentation import mask_from_file
 
         shape = frame.photo.image.shape[:2]

@@ -1,4 +1,4 @@
-"""Draw objects as a training sees them, to check how they stand before hours are spent on them."""
+"""Draw a category's training objects from four sides, to check their axes before a training."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 def parser() -> ArgumentParser:
     """Arguments of ``kfit views``."""
     parser = ArgumentParser(
-        description="Draw objects of a category from four sides onto a sheet: y must point up, and the front, which is "
-        "the category's +x, where the headings say. Files that are not read and textures that are lost are listed.",
+        description="Draw objects of a category from four sides onto a sheet: y must point up, and the front, the "
+        "category's +x, where the headings say. Files that are not read and lost textures are listed.",
         epilog="examples:\n  kfit views --category mug --meshes scans@z --show sheet.png\n"
         "  kfit views --category teapot.yaml --meshes '[teapots@y,-z,teapots/odd.stl@z]' --show sheet.png",
     )
@@ -35,9 +35,9 @@ def parser() -> ArgumentParser:
         type=list[str] | str,
         default=[],
         metavar="[PLACE,…]",
-        help="mesh files and folders of them, in the words of --data.meshes (default: procedural objects)",
+        help="mesh files and folders of them, written as for --data.meshes (default: procedural objects)",
     )
-    parser.add_argument("--objects", type=int, default=12, help="how many are drawn at most")
+    parser.add_argument("--objects", type=int, default=12, help="largest number of objects")
     parser.add_argument("--show", type=str, required=True, metavar="FILE.png", help="picture to write")
     return parser
 

@@ -6,6 +6,7 @@ import hashlib
 import json
 import os
 import warnings
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -185,13 +186,18 @@ class ViewsDataModule(LightningDataModule):
     def _seed_of(self, part: str) -> int:
         return self.seed + TEST_SEED if part == "test" else self.seed
 
+    @cached_property
+    def _mesh_files(self) -> list[MeshFile]:
+        """Mesh files, looked for once, so that the log lists only once what is not read."""
+        return [] if self.meshes is None else find_mesh_files(self.meshes, [self.category.name])
+
     def _build(self, part: str) -> Path:
         """Path of the views for train, val or test, rendered if they are not there."""
         source: Category | list[MeshFile] = self.category
         name = self.category.name
         held_out = part != "train"
         if self.meshes is not None:
-            files = find_mesh_files(self.meshes, [name])
+            files = self._mesh_files
             # Every tenth mesh validates; of fewer than two there is nothing to hold out.
             source = (files[::10] if held_out else [f for i, f in enumerate(files) if i % 10]) or files
             name = _common_name(files)

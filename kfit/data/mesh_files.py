@@ -46,16 +46,21 @@ def find_meshes(folder: str | Path) -> list[Path]:
     folder = Path(folder)
     if not folder.is_dir():
         raise FileNotFoundError(f"folder must be an existing folder of meshes, but {folder} is none.")
-    files = sorted(file for file in folder.rglob("*") if file.suffix.lower() in (*_SUFFIXES, *_OTHERS))
-    of_layout = sorted({*folder.rglob("model.obj"), *folder.rglob("models/model_normalized.obj")})
-    found = of_layout or [file for file in files if file.suffix.lower() in _SUFFIXES and file.is_file()]
-    skipped = [str(file.relative_to(folder)) for file in files if file not in set(found)]
-    if skipped:
+    found = meshes_of(folder)
+    others = (file for file in folder.rglob("*") if file.suffix.lower() in (*_SUFFIXES, *_OTHERS))
+    if skipped := [str(file.relative_to(folder)) for file in sorted(set(others) - set(found))]:
         more = f" and {len(skipped) - _SHOWN} more" if len(skipped) > _SHOWN else ""
         _log.warning("%s: not read: %s%s", folder, ", ".join(skipped[:_SHOWN]), more)
     if not found:
         raise ValueError(f"folder must hold {_SPELLED} files, but {folder} holds none.")
     return found
+
+
+def meshes_of(folder: Path) -> list[Path]:
+    """Return the mesh files that `find_meshes` finds, which may be none, and log nothing."""
+    of_layout = sorted({*folder.rglob("model.obj"), *folder.rglob("models/model_normalized.obj")})
+    files = (file for file in folder.rglob("*") if file.suffix.lower() in _SUFFIXES and file.is_file())
+    return of_layout or sorted(files)
 
 
 def load_mesh(path: str | Path) -> Mesh:

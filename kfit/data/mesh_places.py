@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from kfit.core.check import check_text
 from kfit.data.mesh import Mesh
-from kfit.data.mesh_files import find_meshes, load_mesh
+from kfit.data.mesh_files import find_meshes, load_mesh, meshes_of
 from kfit.data.mesh_tree import mesh_identities
 from kfit.geometry import Category
 
@@ -46,7 +46,7 @@ class MeshFile:
     @property
     def name(self) -> str:
         """Name of the object: the folder's name, or the file's if its folder holds several meshes."""
-        alone = len(find_meshes(self.path.parent)) == 1
+        alone = len(meshes_of(self.path.parent)) == 1
         return self.path.parent.name if alone else self.path.stem
 
     @property

@@ -27,10 +27,10 @@ if TYPE_CHECKING:
 
 ENDINGS = """exit status:
   0    done
-  1    something that kfit did not expect; --verbose shows where it happened
-  2    wrong use, or files that cannot be used; one sentence says which
+  1    unexpected error; --verbose shows where it happened
+  2    wrong arguments or files; one sentence names them
   130  interrupted (Ctrl-C); files are complete or absent
-  141  whoever read the output has stopped reading"""
+  141  the reader of the output has stopped reading"""
 # Errors of kfit about wrong arguments and files, and of libraries about the machine, such as exhausted memory.
 MISTAKES = (ValueError, OSError, ImportError, RuntimeError, MemoryError)
 log = logging.getLogger("kfit")
@@ -42,14 +42,14 @@ def add_general_options(parser: Any) -> None:
     # Absent by default, so that they are not part of the command line that a report repeats.
     settings: Any = {"action": "store_true", "default": argparse.SUPPRESS}
     group.add_argument("-q", "--quiet", help="errors only: no progress, no notes", **settings)
-    group.add_argument("-v", "--verbose", help="also what is going on, and where an error came from", **settings)
+    group.add_argument("-v", "--verbose", help="more messages, and the traceback of an error", **settings)
     group.add_argument(
         "--import",
         dest="modules",
         action="append",
         metavar="MODULE",
         default=argparse.SUPPRESS,
-        help="import a module first, such as one with parts of your own that a recipe names; can be repeated",
+        help="import a module first, such as one with your own parts for a recipe; can be repeated",
     )
 
 
@@ -110,15 +110,18 @@ def status(text: str) -> Iterator[None]:
     if not sys.stderr.isatty() or not log.isEnabledFor(logging.WARNING):
         yield
         return
-    with Console(stderr=True).status(text):
+    with Console(stderr=True, markup=False, emoji=False).status(text):
         yield
 
 
 def table_console(width: int) -> Console:
-    """Return the console of tables: as wide as the terminal, or of this width if stdout is not a terminal."""
+    """Return the console of tables: as wide as the terminal, or of this width if stdout is not a terminal.
+
+    It prints names and values as they are: text in brackets is no markup.
+    """
     from rich.console import Console
 
-    return Console(width=None if sys.stdout.isatty() else width)
+    return Console(width=None if sys.stdout.isatty() else width, markup=False, emoji=False)
 
 
 def see_working_folder() -> None:

@@ -3,14 +3,17 @@ from __future__ import annotations
 import json
 from dataclasses import FrozenInstanceError
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
 import pytest
+from jsonargparse import Namespace
 from nocs_lookalike import write_frames
 from tiny_model import TINY_FIELD, write_tiny
 
 from kfit.bench.accuracy import parser, write_card
+from kfit.bench.accuracy_fits import AccuracyFits
 from kfit.bench.accuracy_page import mean_of, objects_section, views_section
 from kfit.cli.main import main
 from kfit.models import load, read_card
@@ -33,6 +36,14 @@ def cube(tmp_path: Path) -> Path:
     faces = "1 2 4,1 4 3,5 7 8,5 8 6,1 5 6,1 6 2,3 4 8,3 8 7,1 3 7,1 7 5,2 6 8,2 8 4"
     (folder / "box.obj").write_text(corners + "".join(f"f {face}\n" for face in faces.split(",")))
     return tmp_path / "scans"
+
+
+def test_meshes_are_advised_only_if_none_were_given(caplog: pytest.LogCaptureFixture) -> None:
+    teapot = SimpleNamespace(card=SimpleNamespace(shapes=None))
+    for meshes, lines in ((["kept"], 0), ([], 1)):
+        fits = AccuracyFits({"teapot": teapot}, None, None, Namespace(meshes=meshes))  # type: ignore[dict-item, arg-type]
+        assert fits.procedural() == {}
+        assert len(caplog.records) == lines
 
 
 @pytest.mark.slow

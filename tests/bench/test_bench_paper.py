@@ -183,10 +183,8 @@ def test_a_unit_is_measured_once_for_the_same_settings(how, monkeypatch, tmp_pat
     assert len(calls) == 2
 
 
-def test_reconstruction_is_evaluated_on_objects_of_held_out_and_of_known_families(monkeypatch, tmp_path):
-    monkeypatch.setattr(drawings, "L1_OBJECTS", 1)
-    monkeypatch.setattr(drawings, "L1_FITTED", 2)
-    held_out, known, fitted = drawings.novel_view_l1(load("can"), tmp_path)
+def test_reconstruction_is_evaluated_on_objects_of_held_out_and_of_known_families(tmp_path):
+    held_out, known, fitted = drawings.novel_view_l1(load("can"), tmp_path, 1)
     assert 0 < known < 0.2
     assert 0 < fitted < held_out < 0.2
     assert held_out != known

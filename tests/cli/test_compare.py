@@ -47,3 +47,13 @@ def test_a_table_that_is_none_of_lightning_s_names_itself(runs, capsys):
     with pytest.raises(SystemExit):
         main(["compare", "version_0"])
     assert "val/l1 has 'much'" in capsys.readouterr().err
+
+
+def test_brackets_in_names_and_values_are_printed(runs, capsys):
+    (runs / "version_0").rename(runs / "[mug]")
+    config = runs / "[mug]" / "config.yaml"
+    config.write_text(config.read_text() + "categories: [mug, can]\n")
+    main(["compare", "[mug]", "version_1"])
+    text = capsys.readouterr().out
+    assert text.count("[mug]") == 2
+    assert "['mug', 'can']" in text

@@ -39,6 +39,12 @@ def test_tables_name_devices_models_caches_and_extras(capsys):
     assert ".kfit_cache" in out
 
 
+def test_the_table_of_extras_names_the_extra_to_install(monkeypatch, capsys):
+    monkeypatch.setattr(info, "_version", lambda name: None)
+    info.show(info.sections({"versions": {}, "devices": [], "models": [], "caches": [], "extras": info.extras()}), 100)
+    assert "pip install 'kfit[export]'" in capsys.readouterr().out
+
+
 def test_caches_are_measured(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / ".kfit_cache/deep").mkdir(parents=True)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from kfit.data import ViewsDataModule
 from kfit.data.mesh_files import find_meshes, load_mesh
 from kfit.data.mesh_places import AXES, MeshFile, find_mesh_files, source_identity
 
@@ -86,8 +87,20 @@ def test_files_that_are_not_read_are_listed(tmp_path, caplog):
     (tmp_path / "b.fbx").write_text("x")
     (tmp_path / "c.blend").write_text("x")
     with caplog.at_level(logging.WARNING, "kfit"):
-        find_meshes(tmp_path)
-    assert "not read: b.fbx, c.blend" in caplog.text
+        (found,) = find_mesh_files(str(tmp_path))
+        assert found.name == tmp_path.name
+    assert caplog.text.count("not read: b.fbx, c.blend") == 1
+
+
+def test_a_training_lists_once_what_is_not_read(tmp_path, caplog):
+    write(tmp_path / "pots" / "a.ply")
+    (tmp_path / "pots" / "b.fbx").write_text("x")
+    data = ViewsDataModule("mug", 1, 2, 8, meshes=[str(tmp_path / "pots")], cache_dir=str(tmp_path), num_val_objects=1)
+    with caplog.at_level(logging.WARNING, "kfit"):
+        data.prepare_data()
+        data.setup()
+        data.fingerprint()
+    assert caplog.text.count("not read: b.fbx") == 1
 
 
 def test_a_texture_that_is_lost_is_named(tmp_path, caplog):

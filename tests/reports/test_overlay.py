@@ -105,3 +105,15 @@ def test_a_frame_without_an_answer_has_its_caption_alone() -> None:
     drawn = draw_frame(np.zeros((480, 640, 3)), "not found")
     assert drawn[:20, :60].max() == 255
     assert drawn[60:].max() == 0
+
+
+@pytest.mark.parametrize("shape", [(240, 320), (320, 180)])
+def test_a_long_caption_is_broken_and_stays_within_a_narrow_frame(shape: tuple[int, int]) -> None:
+    words = "mug, frame 18, about 64 cm away, unsure, only 50 % likely to be within 20°, found anew"
+    short, long = (draw_frame(np.zeros((*shape, 3)), caption) for caption in ("mug", words))
+    plates = [int((shown[:, 2] > 200).all(-1).sum()) for shown in (short, long)]
+    assert plates[1] > 1.9 * plates[0]
+    text = (long[: plates[1]] < 100).all(-1) & (long[: plates[1], :1] > 200).all(-1)
+    right = np.flatnonzero((long[: plates[1]] > 200).all(-1).any(0)).max()
+    assert text[:, right - 3 : right + 1].sum() == 0  # the last letter ends before the plate does
+    assert right < long.shape[1]

@@ -14,19 +14,35 @@ from kfit.data import ViewsDataModule
 from kfit.pose import CategoryModel
 from kfit.training.view_lens import view_lens
 
-# Objects of ten views each on which reconstruction is measured, of either kind, and views to which codes are fitted.
+# Most objects, of ten views each, on which reconstruction is measured, of either kind; most views that codes are
+# fitted to.
 L1_OBJECTS, L1_FITTED = 100, 50
 
 
-def novel_view_l1(model: CategoryModel, cache: Path) -> list[float]:
+def l1_views(num_views: int) -> tuple[int, int]:
+    """Objects of either kind on which reconstruction is measured, and views to which codes are fitted.
+
+    Args:
+        num_views: views on which poses are measured.
+    """
+    return min(num_views, L1_OBJECTS), min(num_views, L1_FITTED)
+
+
+def novel_view_l1(model: CategoryModel, cache: Path, num_views: int) -> list[float]:
     """Mean |I − Î| of pictures drawn at their true poses.
 
     Of objects of the families held out of training, by what the encoder saw in another view; of new objects of the
     families that training showed, as the paper's are, likewise; and of some of the first by the code that draws the
     picture itself best, which tells what the generator can draw, whatever the encoder reads.
+
+    Args:
+        model: the trained networks.
+        cache: folder of rendered views.
+        num_views: see `l1_views`.
     """
+    objects, fitted = l1_views(num_views)
     # Another seed than training's, whose objects are therefore all new.
-    data = ViewsDataModule(model.card.category, L1_OBJECTS, num_val_objects=L1_OBJECTS, cache_dir=str(cache), seed=1)
+    data = ViewsDataModule(model.card.category, objects, num_val_objects=objects, cache_dir=str(cache), seed=1)
     data.prepare_data()
     data.setup()
     held_out, known = data.val_pairs, data.train_pairs
@@ -38,7 +54,7 @@ def novel_view_l1(model: CategoryModel, cache: Path) -> list[float]:
         with torch.no_grad():
             each = [_apart(model, batch, model.encoder(batch["source"])[0]) for batch in batches]
         means.append(float(torch.cat(each).mean()))
-    return [*means, _fitted_l1(model, held_out.__getitems__(range(0, len(held_out), len(held_out) // L1_FITTED)))]
+    return [*means, _fitted_l1(model, held_out.__getitems__(range(0, len(held_out), len(held_out) // fitted)))]
 
 
 def _apart(model: CategoryModel, batch: dict[str, Tensor], code: Tensor) -> Tensor:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from kfit.bench.accuracy_page import circumstances
 from kfit.bench.paper import plots
+from kfit.bench.paper.drawings import l1_views
 from kfit.bench.paper.intervals import Interval, agreement, difference, share_below
 from kfit.bench.paper.units import REFERENCE, ROBUST_VIEWS, STUDIED, TABLES, Measuring
 from kfit.bench.paper.variants import VARIANTS
@@ -49,6 +50,11 @@ TITLES = {
     "field+kfit": "kfit, RGB",
     "field+depth": "kfit, RGB-D",
 }
+IN_TABLE = {
+    ("paper_2a", "paper"): "VGG16, prior",
+    ("2a", "full"): "EfficientNet-Lite0, prior",
+    ("curves", "full"): "one energy (EfficientNet-Lite0, prior), compact VAE3D",
+}
 HEADINGS = {
     "1a": "Table 1a: network architectures",
     "1b": "Table 1b: size of the code",
@@ -66,12 +72,8 @@ HEADINGS = {
 
 def title_of(unit: str, table: str = "") -> str:
     """What a table calls a unit."""
-    if table == "paper_2a" and unit == "paper":
-        return "VGG16, prior"
-    if table == "2a" and unit == "full":
-        return "EfficientNet-Lite0, prior"
-    if table == "curves" and unit == "full":
-        return "one energy (EfficientNet-Lite0, prior), compact VAE3D"
+    if (table, unit) in IN_TABLE:
+        return IN_TABLE[table, unit]
     if table == "backbone" and unit.endswith("+kfit"):
         return f"{VARIANTS[unit.partition('+')[0]].title}, kfit's own fit"
     return TITLES.get(unit) or VARIANTS[unit.partition("+")[0]].title
@@ -81,6 +83,7 @@ def page(units: Units, tables: list[str], categories: list[str], how: Measuring,
     """The page in Markdown; its figures are those of `figures`, by name beside it."""
     trained, schedule = how.training, how.schedule
     made = circumstances(command, {})
+    objects, fitted = l1_views(how.views)
     begun = "ImageNet's weights" if trained.vgg16 else "random weights"
     lines = [
         "# Tables after the paper's, on objects that kfit draws itself",
@@ -96,9 +99,10 @@ def page(units: Units, tables: list[str], categories: list[str], how: Measuring,
         "nothing pruned. The paper's numbers, on REAL275, stand beside the rows that are nearest to them. "
         "kfit's own fit starts as many, the best of four times as many that it draws once, and half of them go on "
         "after step 4. "
-        "L1 is that of a view drawn by what the encoder saw in another one, over 1,000 views of held-out families and "
-        "over as many of new objects of the families that training showed, as the paper's test objects are; then, over "
-        "50 views of held-out families, that of the code which draws the view itself best. "
+        "L1 is that of a view drawn by what the encoder saw in another one, over "
+        f"{10 * objects:,} views of held-out families and over as many of new objects of the families that training "
+        f"showed, as the paper's test objects are; then, over {fitted} views of held-out families, that of the code "
+        "which draws the view itself best. "
         "Symmetric classes, and mugs whose handle is hidden, are measured by their axis. With one object a picture and "
         "no detector, AP at a threshold is the share of views below it. Brackets hold 95 % intervals over the views of "
         f"{seeds} seed{'s' * (seeds > 1)}, each with trainings and views of its own: Wilson's of shares, a paired "
@@ -168,7 +172,7 @@ def _robustness_rows(units: Units, table: str) -> list[str]:
     methods = [unit for unit in TABLES[table] if (STUDIED, unit) in units]
     if not methods:
         return ["Not measured yet.", ""]
-    names = [name for name in units[STUDIED, methods[0]] if name not in ("settings",)]
+    names = [name for name in units[STUDIED, methods[0]] if name != "settings"]
     lines = [
         f"Mean (median) rotation error over {len(units[STUDIED, methods[0]][names[0]])} views of {STUDIED}s, at most "
         f"{ROBUST_VIEWS}; *instances* are those of training. The regressor was trained with brightness changed by up "
@@ -181,10 +185,8 @@ def _robustness_rows(units: Units, table: str) -> list[str]:
     for name in names:
         kind, _, strength = name.partition(" ")
         label = "none, instances of training" if kind == "instances" else f"{kind} {100 * float(strength):+.0f} %"
-        cells = []
-        for unit in methods:
-            wrong = np.nan_to_num(units[STUDIED, unit][name], nan=180.0)
-            cells.append(f"{wrong.mean():.1f}° ({np.median(wrong):.1f}°)")
+        wrong = [np.nan_to_num(units[STUDIED, unit][name], nan=180.0) for unit in methods]
+        cells = [f"{one.mean():.1f}° ({np.median(one):.1f}°)" for one in wrong]
         lines.append(f"| {label} | {' | '.join(cells)} |")
     return [*lines, ""]
 
@@ -207,13 +209,11 @@ def figures(units: Units, tables: list[str], categories: list[str]) -> dict[str,
     for before, base in (("", "full"), ("paper_", "paper")):
         if f"{before}1a" in tables:
             kinds = dict.fromkeys((*TABLES[f"{before}1a"], *(TABLES[f"{before}1b"] if f"{before}1b" in tables else ())))
-            there = [(c, u) for c in categories for u in kinds if "samples" in units.get((c, u), {})]
-            if there:
+            if there := [(c, u) for c in categories for u in kinds if "samples" in units.get((c, u), {})]:
                 made[f"{before}samples"] = plots.samples(
                     {f"{c}, {title_of(u)}": units[c, u]["samples"] for c, u in there}
                 )
-            paths = {c: units[c, base] for c in categories if (c, base) in units}
-            if paths:
+            if paths := {c: units[c, base] for c in categories if (c, base) in units}:
                 made[f"{before}iterations"] = plots.iterations(paths)
         if (table := f"{before}curves") in tables:
             methods = {

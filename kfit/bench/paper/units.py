@@ -106,7 +106,7 @@ class Measuring:
         )
         if not how:
             arrays["samples"] = (255 * drawings.prior_samples(model, SAMPLES, self.seed)).round().byte().numpy()
-            arrays["l1"] = np.array(drawings.novel_view_l1(model, self.training.cache))
+            arrays["l1"] = np.array(drawings.novel_view_l1(model, self.training.cache, self.views))
             arrays["multiply_adds"] = np.array(drawings.multiply_adds(model.generator))
             energy, rotation = fits.path_of(found.results, views, category)
             arrays["path_energy"], arrays["path_rotation"] = np.array(energy), np.array(rotation)
