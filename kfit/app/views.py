@@ -121,7 +121,7 @@ def answered(result: PoseResult, steps: Sequence[Drawn]) -> str:
         f"{escape(words.meaning)}</p>"
         f'<div class="kfit-bar"><div style="width: {100 * result.confidence:.0f}%"></div></div></div>'
         + (f'<ul class="kfit-notes">{notes}</ul>' if notes else "")
-        + _pair(steps[-1].observed, result.drawing)
+        + _pair(result.observation.field("image")[0].movedim(0, -1).numpy(), result.drawing)
         + _curve(steps)
     )
 

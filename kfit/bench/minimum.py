@@ -114,15 +114,8 @@ def fitted(
     for first in range(0, observation.num_problems, BATCH):
         rows = slice(first * num_starts, (first + BATCH) * num_starts)
         pipeline: FitPipeline = make(candidate, {name: value[rows] for name, value in poses.items()}, num_starts)
-        results.append(pipeline(_batch(observation, first), seed=0))
+        results.append(pipeline(observation[first : first + BATCH], seed=0))
     return results
-
-
-def _batch(observation: Observation, first: int) -> Observation:
-    from dataclasses import replace
-
-    piece: Observation = observation.map(lambda tensor: tensor[first : first + BATCH])
-    return replace(piece, keys=())
 
 
 def _rank(result: FitResult) -> Tensor:

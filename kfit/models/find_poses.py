@@ -90,9 +90,10 @@ def pose_of(
 
     If the drawing explains the picture poorly, the mask may hold a part of something else. Then the fit is repeated
     without each of the parts that stick out of the object; where the drawing explains what is left, that is the answer.
+    Callbacks watch the first fit only.
     """
 
-    def fitted(segmenter: Segmenter) -> PoseResult:
+    def fitted(segmenter: Segmenter, callbacks: Sequence[Callback] = ()) -> PoseResult:
         return model.pose(
             photo,
             intrinsics=intrinsics,
@@ -104,8 +105,8 @@ def pose_of(
             callbacks=callbacks,
         )
 
-    answer = fitted(target)
-    if not target.given and is_unexplained(model.card, answer):
+    answer = fitted(target, callbacks)
+    if not target.chosen and is_unexplained(model.card, answer):
         parts = [fitted(smaller) for smaller in smaller_targets(target)]
         best = min(parts, key=lambda part: part.energy, default=answer)
         answer = answer if is_unexplained(model.card, best) else best

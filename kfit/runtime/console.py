@@ -110,15 +110,18 @@ def status(text: str) -> Iterator[None]:
     if not sys.stderr.isatty() or not log.isEnabledFor(logging.WARNING):
         yield
         return
-    with Console(stderr=True).status(text):
+    with Console(stderr=True, markup=False, emoji=False).status(text):
         yield
 
 
 def table_console(width: int) -> Console:
-    """Return the console of tables: as wide as the terminal, or of this width if stdout is not a terminal."""
+    """Return the console of tables: as wide as the terminal, or of this width if stdout is not a terminal.
+
+    It prints names and values as they are: text in brackets is no markup.
+    """
     from rich.console import Console
 
-    return Console(width=None if sys.stdout.isatty() else width)
+    return Console(width=None if sys.stdout.isatty() else width, markup=False, emoji=False)
 
 
 def see_working_folder() -> None:

@@ -65,9 +65,10 @@ def test_each_candidate_gets_a_row_and_each_energy_a_rank(
         "other": fits.Candidate({"score": 1.0}, learned=1, descended=0),
     }
     monkeypatch.setattr("kfit.bench.minimum_fits.candidates", lambda refined: two if refined else {})
+    monkeypatch.setattr("kfit.bench.minimum.BATCH", 1)
     save_file(PoseRefiner(None).state_dict(), tmp_path / "r.safetensors")
     words = ["--refiner", str(tmp_path / "r.safetensors"), "--out", str(tmp_path / "out")]
-    main(["bench", "minimum", "--categories", "[mug]", "--views", "1", *words])
+    main(["bench", "minimum", "--categories", "[mug]", "--views", "2", *words])
     page = (tmp_path / "out/README.md").read_text()
     assert "kfit bench minimum --categories '[mug]'" in page
     assert page.count("| one |") == page.count("| other |") == 2
