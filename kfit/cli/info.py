@@ -17,7 +17,7 @@ from kfit.bench.page import show
 
 PACKAGES = ("torch", "kornia", "opencv-contrib-python-headless", "onnxruntime", "lightning")
 # As cards name them.
-UNSEEN, ALL = "unseen procedural objects, held-out families", "all views"
+HELD_OUT, ALL = "unseen procedural objects, held-out families", "all views"
 BUNDLED = Path(__file__).parents[1] / "models/bundled"
 MIB = 2**20
 
@@ -79,7 +79,7 @@ def models() -> list[dict[str, Any]]:
         card = read_card(path)
         with safe_open(path, "np") as file:
             shapes = [file.get_slice(name).get_shape() for name in file.keys()]  # noqa: SIM118
-        measured = card.accuracy.get(UNSEEN, {}).get(ALL, {})
+        measured = card.accuracy.get(HELD_OUT, {}).get(ALL, {})
         found.append(
             {
                 "category": card.category,
