@@ -162,7 +162,7 @@ def test_a_photo_gets_a_box_and_a_mask_that_a_brush_corrects_and_a_reload_keeps_
     visit.mouse.up()
     visit.locator(".kfit-mask").wait_for()
     by_box = visit.locator(".kfit-mask").get_attribute("src")
-    visit.get_by_role("button", name="Take from it").click()
+    visit.get_by_role("button", name="Remove from it").click()
     room = stage.bounding_box()
     visit.mouse.move(room["x"] + 64 * across, room["y"] + 30 * down)
     visit.mouse.down()
