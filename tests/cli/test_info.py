@@ -23,7 +23,7 @@ def test_json_is_pure_and_tells_what_cards_and_weights_tell(capsys):
     mug = printed["models"][-1]
     assert mug["parameters"] == sum(numbers.size for numbers in load_file(info.BUNDLED / "mug.safetensors").values())
     card = card_of(info.BUNDLED / "mug.safetensors")
-    views = card["accuracy"]["unseen procedural objects, held-out families"]["all views"]
+    views = card["accuracy"]["unseen procedural objects, held-out families, upright views"]["all views"]
     assert mug["median_rotation_error_deg"] == views["median"]
     assert mug["under_10_deg"] == views["under_10"]
     assert not mug["symmetric"]
