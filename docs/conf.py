@@ -67,7 +67,10 @@ nitpick_ignore_regex = [
     ("py:class", r"nn\.Module|NDArray|Path|PhotoLike|Tensor|Trimesh"),
     ("py:class", r"kfit\.(core\.frozen\.Module|core\.part\.Part|geometry\.pose\.Angles|generators\.surface\.Surface)"),
     ("py:class", r"kfit\.pose\.(hypotheses\.PoseHypotheses|confidence\.Calibration|observed_object\.ObservedObject)"),
-    ("py:class", r"kfit\.(data\.nocs_models\.NOCSModel|training\.training\.Training|pose\.hub_model\.HubModel)"),
+    (
+        "py:class",
+        r"kfit\.(data\.nocs_models\.NOCSModel|training\.training\.Training|pose\.category_networks\.CategoryNetworks)",
+    ),
     ("py:class", r"kfit\.data\.(mesh_places\.MeshFile|annotated_frame\.AnnotatedFrame)"),
     ("py:class", r"kfit\.training\.random_crop\.RolledCrop"),
 ]

@@ -22,9 +22,9 @@ from kfit.reports.picture_table import picture_table
 # Three procedural mugs of kinds that the model has never seen; each is inverted to its code and its pose.
 model = kfit.load("mug")
 mugs = [build("mug", number, held_out=True) for number in (1_007_000, 1_000_002, 1_004_001)]
-seen = views_of(model, mugs, seed=4).observation
+observed = views_of(model, mugs, seed=4).observation
 pipeline = model.pipeline()
-found = pipeline(seen, seed=0).values
+found = pipeline(observed, seed=0).values
 
 
 def draw(**changes: Tensor) -> Rendering:
@@ -41,7 +41,7 @@ def colour(drawn: Rendering) -> Tensor:
 fitted = draw()
 swapped = draw(code=found["code"].roll(-1, 0))  # each mug takes the look of the one below it
 columns = {
-    "seen": seen.image,
+    "seen": observed.image,
     "fitted": fitted.image,
     "same pose,\nlook of the next": swapped.image,
     "same pose,\nhalfway to it": draw(code=(found["code"] + found["code"].roll(-1, 0)) / 2).image,

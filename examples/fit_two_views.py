@@ -32,10 +32,10 @@ second[:3, :3], second[:3, 3] = aside, middle - aside @ middle
 cameras = {"intrinsics": camera.expand(2, 3, 3), "trans_cam_ref": torch.stack([torch.eye(4), second])}
 rotation = SO3().to_value(torch.tensor([[0.85, 0.1, -0.05]]))
 truth = {"rotation": rotation, "translation": torch.tensor([[0.02, -0.01, 0.58]])}
-seen = generator(**truth, **{name: value[None] for name, value in cameras.items()})
+observed = generator(**truth, **{name: value[None] for name, value in cameras.items()})
 clutter = F.interpolate(torch.from_numpy(data.coffee()).permute(2, 0, 1).float()[None] / 255, (72, 96), mode="area")
-mask = seen.field("mask")
-photos, cut_out = (seen.image * mask + ground * (1 - mask) for ground in (clutter, torch.ones(1)))
+mask = observed.field("mask")
+photos, cut_out = (observed.image * mask + ground * (1 - mask) for ground in (clutter, torch.ones(1)))
 away = rotation[0] @ SO3().to_value(torch.tensor([0.0, 40 / 180, 0.0]))
 fit = FitPipeline(
     generator,

@@ -45,12 +45,12 @@ side.scatter(away, away * (camera[1, 2] - rows) / camera[1, 1], s=1, color="0.75
 side.plot(truth, 0, "k+", markersize=12, label=f"the mug's centre, {truth:.1f} cm away")
 for (name, answer), color in zip(answers.items(), ("#ee6677", "#4477aa"), strict=True):
     found = 100 * float(answer.translation[2])
-    said = f"{name}: {found:.1f} cm, off by {abs(found - truth):.1f} cm"
+    line = f"{name}: {found:.1f} cm, off by {abs(found - truth):.1f} cm"
     pose = (torch.from_numpy(part) for part in (answer.rotation, answer.translation, answer.size))
     for edge in 100 * box_corners(*pose)[torch.tensor(EDGES)]:
         side.plot(edge[:, 2], -edge[:, 1], color=color, lw=1)
-    side.plot([], [], color=color, label=said)
-    print(said)
+    side.plot([], [], color=color, label=line)
+    print(line)
 side.set(xlabel="distance from the camera [cm]", ylabel="height [cm]", aspect="equal", title="seen from the side")
 figure.legend(loc="outside lower center", ncols=4, fontsize=8, frameon=False)
 path = Path(sys.argv[1] if len(sys.argv) > 1 else "kfit_out") / "pose_with_depth.png"

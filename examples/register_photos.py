@@ -36,8 +36,8 @@ print(f"corners off by {error:.3f} pixels, gain {gain:.3f} of 0.8, offset {offse
 
 columns = {"first": photo, "second": second, "fitted": found.warped[0]}
 for name in ("first", "fitted"):
-    seen = found.weight[0] > 0 if name == "fitted" else True
-    columns[f"second less {name}, × 2"] = 0.5 + 2 * (second - columns[name]) * seen
+    known = found.weight[0] > 0 if name == "fitted" else True
+    columns[f"second less {name}, × 2"] = 0.5 + 2 * (second - columns[name]) * known
 path = Path(sys.argv[1] if len(sys.argv) > 1 else "kfit_out") / "register_photos.png"
 path.parent.mkdir(parents=True, exist_ok=True)
 picture_table({name: picture[None] for name, picture in columns.items()}).savefig(path)

@@ -41,11 +41,11 @@ def main(folder: str, *words: str) -> None:
         model = Path(folder) / f"{category}.safetensors"
         if not model.is_file():
             generator, head = (trained(part, category, Path(folder), words[split:]) for part in PARTS)
-            said = "; ".join(
+            command = "; ".join(
                 f"lightning fit -c recipes/{name} " + " ".join(["--data.category", category, *words[split:]])
                 for name in PARTS.values()
             )
-            kfit("pack", generator, "--pose-head", head, "--out", model, "--command", said)
+            kfit("pack", generator, "--pose-head", head, "--out", model, "--command", command)
 
 
 if __name__ == "__main__":

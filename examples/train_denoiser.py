@@ -48,9 +48,9 @@ columns = {}
 for name, picture in {"noisy": noisy, **{name: noisy - trained(loss)(noisy) for name, loss in losses.items()}}.items():
     a, b = (one[0].clamp(0, 1).movedim(0, -1).numpy() for one in (truth, picture))
     similar = metrics.structural_similarity(a, b, channel_axis=-1, data_range=1)
-    said = f"PSNR {metrics.peak_signal_noise_ratio(a, b):.2f} dB, SSIM {similar:.3f}"
-    print(f"{name}: {said}")
-    columns[f"{name}\n{said}"] = picture
+    figures = f"PSNR {metrics.peak_signal_noise_ratio(a, b):.2f} dB, SSIM {similar:.3f}"
+    print(f"{name}: {figures}")
+    columns[f"{name}\n{figures}"] = picture
 detail = nn.Upsample(scale_factor=3)  # a ninth of each picture, below it
 columns = {k: torch.cat([one, detail(one[..., 64:128, 64:128])]) for k, one in (columns | {"truth": truth}).items()}
 path = Path(sys.argv[1] if len(sys.argv) > 1 else "kfit_out") / "train_denoiser.png"

@@ -52,10 +52,16 @@ def write_wild6d(root):
     save(images / "0-mask.png", mask_of(view))
     save(images / "0-depth.png", depth_of(view))
     (images.parent / "metadata").write_text(json.dumps({"K": K.T.ravel().tolist(), "w": SIZE[1], "h": SIZE[0]}))
-    told = {"name": "mug/0001/1/0", "class_id": 5, "rotation": -2 * rotation, "translation": translation, "size": size}
+    annotation = {
+        "name": "mug/0001/1/0",
+        "class_id": 5,
+        "rotation": -2 * rotation,
+        "translation": translation,
+        "size": size,
+    }
     file = root / "pkl_annotations" / "mug" / "mug-0001-1.pkl"
     file.parent.mkdir(parents=True)
-    file.write_bytes(pickle.dumps({"num_frames": 1, "annotations": [told]}))
+    file.write_bytes(pickle.dumps({"num_frames": 1, "annotations": [annotation]}))
 
 
 def write_housecat6d(root):
@@ -67,12 +73,12 @@ def write_housecat6d(root):
     save(scene / "instance" / "000000.png", number)
     save(scene / "depth" / "000000.png", depth_of(view))
     np.savetxt(scene / "intrinsics.txt", K)
-    told = {
+    annotation = {
         "instance_ids": [3], "class_ids": [4], "rotations": rotation[None], "translations": translation[None],
         "gt_scales": size[None], "bboxes": np.array([[0, 0, 9, 9]]), "model_list": ["cup"],
     }  # fmt: skip
     (scene / "labels").mkdir()
-    (scene / "labels" / "000000_label.pkl").write_bytes(pickle.dumps(told))
+    (scene / "labels" / "000000_label.pkl").write_bytes(pickle.dumps(annotation))
 
 
 def varint(value):
@@ -118,14 +124,14 @@ def write_bop(root):
     to_category = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
     sides = 1000 * np.abs(to_category.T) @ size
     low = np.array([10.0, -20.0, 30.0])
-    turned = rotation @ to_category
-    moved = 1000 * translation - turned @ (low + sides / 2)
+    rotated = rotation @ to_category
+    moved = 1000 * translation - rotated @ (low + sides / 2)
     scene = root / "test" / "000001"
     save(scene / "rgb" / "000003.png", picture_of(view))
     save(scene / "mask_visib" / "000003_000000.png", mask_of(view))
     save(scene / "depth" / "000003.png", (10 * depth_of(view)).astype(np.uint16))
-    told = {"3": [{"cam_R_m2c": turned.ravel().tolist(), "cam_t_m2c": moved.tolist(), "obj_id": 14}]}
-    (scene / "scene_gt.json").write_text(json.dumps(told))
+    annotation = {"3": [{"cam_R_m2c": rotated.ravel().tolist(), "cam_t_m2c": moved.tolist(), "obj_id": 14}]}
+    (scene / "scene_gt.json").write_text(json.dumps(annotation))
     (scene / "scene_camera.json").write_text(json.dumps({"3": {"cam_K": K.ravel().tolist(), "depth_scale": 0.1}}))
     model = {
         f"{name}_{axis}": float(v)
@@ -134,4 +140,4 @@ def write_bop(root):
     }
     (root / "models").mkdir()
     (root / "models" / "models_info.json").write_text(json.dumps({"14": model | {"diameter": 170.0}}))
-    return turned, moved
+    return rotated, moved

@@ -21,12 +21,12 @@ pytestmark = pytest.mark.skipif(not torch.cuda.is_available(), reason="there is 
 @pytest.mark.parametrize(("how", "within_deg"), [("32", 1.0), ("bf16", 3.0)])
 def test_a_gpu_finds_the_poses_that_a_cpu_finds(how, within_deg):
     model = kfit.load("laptop")
-    seen = held_out_views(model, 6).observation
-    seen = Observation(seen.image, seen.mask, keys=tuple(range(6)))
-    here = model.pipeline()(seen, seed=0)
+    observed = held_out_views(model, 6).observation
+    observed = Observation(observed.image, observed.mask, keys=tuple(range(6)))
+    here = model.pipeline()(observed, seed=0)
     model.to("cuda")
     with precision(how, "cuda"):
-        there = model.pipeline()(seen.map(lambda tensor: tensor.to("cuda")), seed=0).to("cpu")
+        there = model.pipeline()(observed.map(lambda tensor: tensor.to("cuda")), seed=0).to("cpu")
     assert here.num_evaluations == there.num_evaluations
     away = rotation_error(rotation_of(here.values), rotation_of(there.values)).rad2deg()
     assert float(away.median()) < within_deg

@@ -28,7 +28,7 @@ FLOORS = [
     {"__main__"},
 ]
 # Energies and encoders compare and read features.
-BESIDE = {("energies", "features"), ("generators", "features")}
+SAME_FLOOR = {("energies", "features"), ("generators", "features")}
 HEIGHT = {room: height for height, floor in enumerate(FLOORS) for room in floor}
 
 
@@ -73,7 +73,7 @@ def against(room, source, package="kfit.room"):
     return {
         other
         for other in found - {room}
-        if HEIGHT.get(other, len(FLOORS)) >= HEIGHT[room] and (room, other) not in BESIDE
+        if HEIGHT.get(other, len(FLOORS)) >= HEIGHT[room] and (room, other) not in SAME_FLOOR
     }
 
 

@@ -75,13 +75,13 @@ def test_specks_and_second_parts_of_a_mask_turn_no_answer_by_two_degrees(
     dev_data: Path, split: str, number: int
 ) -> None:
     frame = NOCSFrames(dev_data / "nocs_sample", split)[number]
-    turned = {}
+    rotated = {}
     for one in frame.objects:
         model, symmetry = kfit.load(one.category), CATEGORIES[one.category].symmetry
         pose = partial(model.pose, frame.image, intrinsics=frame.intrinsics)
         clean = torch.from_numpy(pose(mask=one.mask).rotation)
         for name, mask in dirty_masks(one.mask).items():
             error = rotation_error(torch.from_numpy(pose(mask=mask).rotation), clean, symmetry)
-            turned[one.category, one.instance, name] = math.degrees(error)
-    print(turned)
-    assert max(turned.values()) < 2, turned
+            rotated[one.category, one.instance, name] = math.degrees(error)
+    print(rotated)
+    assert max(rotated.values()) < 2, rotated

@@ -118,9 +118,9 @@ def moving() -> None:
 
 
 def tracking() -> None:
-    """Six frames of a clip that was followed."""
+    """Four frames of a clip, tracked with its masks."""
     model = load("mug")
-    clip = held_out_clip(model, 1, 36)
+    clip = held_out_clip(model, 7, 36)
     picked = []
     for number, answer in enumerate(track(model, clip.frames, masks=clip.masks, intrinsics=clip.intrinsics)):
         pose = (answer.rotation, answer.translation, answer.size, answer.intrinsics)

@@ -26,8 +26,8 @@ def fit(picture: Tensor, *changes: str) -> tuple[Tensor, Tensor]:
     """Fit as the recipe says, but for what is changed in words, as one would on a command line."""
     parser = ArgumentParser()
     parser.add_class_arguments(FitPipeline, "fit")
-    said = parser.parse_args([f"--fit={Path(__file__).with_name('recipe.yaml')}", *changes])
-    pipeline: FitPipeline = parser.instantiate(said).fit
+    arguments = parser.parse_args([f"--fit={Path(__file__).with_name('recipe.yaml')}", *changes])
+    pipeline: FitPipeline = parser.instantiate(arguments).fit
     values = pipeline(Observation(picture), seed=0).values
     return 32 * values["radii"].sort().values, pipeline.generator(**values).field("mask")
 

@@ -46,13 +46,13 @@ class Actions:
 
     def on_photo(self, work: Callable[..., Changes]) -> Callable[..., Changes]:
         """The same, with a mistake named below the photo."""
-        return self._told(work, self.parts.photo_problem)
+        return self._with_message(work, self.parts.photo_problem)
 
     def on_fit(self, work: Callable[..., Changes]) -> Callable[..., Changes]:
         """The same, with a mistake named below the button that fits."""
-        return self._told(work, self.parts.fit_problem)
+        return self._with_message(work, self.parts.fit_problem)
 
-    def _told(self, work: Callable[..., Changes], place: gr.HTML) -> Callable[..., Changes]:
+    def _with_message(self, work: Callable[..., Changes], place: gr.HTML) -> Callable[..., Changes]:
         # Gradio reads from the signature where it is to hand over an event.
         @functools.wraps(work)
         def once(*args: Any) -> Changes:

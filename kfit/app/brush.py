@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 BRUSH, MOST_POINTS = 0.03, 4000
 
 
-def painted(mask: NDArray[np.float32], points: Sequence[tuple[float, float]], keep: bool) -> NDArray[np.float32]:
+def with_stroke(mask: NDArray[np.float32], points: Sequence[tuple[float, float]], keep: bool) -> NDArray[np.float32]:
     """Return the mask (H, W) with what a brush went over added, or taken away.
 
     Args:

@@ -33,9 +33,10 @@ class Layout:
         self.steps = gr.HTML(views.steps(0), **plain)
         with gr.Row(elem_classes=["kfit-grid"]):
             with gr.Column(min_width=300):
-                self.drop = gr.File(label=f"Photo: {NAMES}", file_types=ENDINGS, height=170)
-                self.cards = gr.HTML(views.cards(), js_on_load=_script("cards.js"), **plain)
-                self.photo_problem = gr.HTML("", **plain)
+                # Shown once the visit has its token: nothing can be pressed before.
+                self.drop = gr.File(label=f"Photo: {NAMES}", file_types=ENDINGS, height=170, visible=False)
+                self.cards = gr.HTML(views.cards(), js_on_load=_script("cards.js"), visible=False, **plain)
+                self.photo_problem = gr.HTML('<p class="kfit-busy" role="status">Connecting …</p>', **plain)
                 self.surface = gr.HTML(
                     html_template=(HERE / "stage.html").read_text(encoding="utf-8"),
                     js_on_load=_script("stage.js"),

@@ -36,7 +36,7 @@ SWITCHES = {
 
 
 class OnlySelf:
-    """Tells the browser to ask this server alone, and answers no other site's page."""
+    """Makes the browser ask this server alone, and answers no other site's page."""
 
     def __init__(self, app: Callable[..., Awaitable[None]]) -> None:
         self.app = app

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kfit.app.brush import painted
+from kfit.app.brush import with_stroke
 from kfit.app.downloads import snippet_of, write_downloads
 from kfit.app.examples import Example
-from kfit.app.uploads import check_size, checked, read_upload
+from kfit.app.uploads import check_size, checked, read_upload, received
 from kfit.app.watched import Drawn, watched
 from kfit.models import load
 from kfit.pose import CategoryModel, PoseResult
@@ -83,10 +83,8 @@ class Session:
         Raises:
             ValueError: for a file that cannot be used, in one sentence; what was there before stays.
         """
-        try:
+        with received(path):
             photo = read_upload(path)
-        finally:
-            path.unlink(missing_ok=True)
         targets = find_targets(photo)
         self._begin(photo, path.name)
         self._take_target(targets[0] if targets else None)
@@ -115,10 +113,8 @@ class Session:
         Raises:
             ValueError: if it cannot be used or there is no photo yet; the previous state is kept.
         """
-        try:
-            mask = checked(path, lambda file: mask_from_file(file, self._photo_or_error().image.shape[:2]))
-        finally:
-            path.unlink(missing_ok=True)
+        with received(path):
+            mask = checked(path, partial(mask_from_file, shape=self.image.shape[:2]))
         self._point(["--mask", path.name], mask=mask)
 
     def take_depth(self, path: Path) -> None:
@@ -127,15 +123,11 @@ class Session:
         Raises:
             ValueError: if it cannot be used or there is no photo yet; the previous state is kept.
         """
-        try:
+        with received(path):
             check_size(path)
-            read = partial(depth_from_file, shape=self._photo_or_error().image.shape[:2])
-            # What lies in memory by a file's map would be gone with the file.
+            read = partial(depth_from_file, shape=self.image.shape[:2])
+            # Copied, because the array of a .npy file is mapped from the file.
             self.depth = np.array(read(path) if path.suffix == ".npy" else checked(path, read))
-        except (ValueError, OSError) as error:
-            raise ValueError(str(error).replace(str(path), path.name)) from error
-        finally:
-            path.unlink(missing_ok=True)
         self._depth_name = path.name
 
     def draw(self, box: Fractions) -> None:
@@ -147,7 +139,7 @@ class Session:
         Raises:
             ValueError: if the box holds no salient object, or there is no photo yet.
         """
-        height, width = self._photo_or_error().image.shape[:2]
+        height, width = self.image.shape[:2]
         left, top, across, down = (
             round(part * whole) for part, whole in zip(box, (width, height, width, height), strict=True)
         )
@@ -164,7 +156,7 @@ class Session:
         self._photo_or_error()
         if self.target is None:
             raise ValueError("Draw a box around the object first; then its mask can be corrected.")
-        mask = painted(self.target.segment.mask, points, keep)
+        mask = with_stroke(self.target.segment.mask, points, keep)
         self.target = replace(self.target, segment=Segment(mask))  # `fit` examines it again
         self._pointed, self._words = {"mask": mask}, ["--mask", "mask.png"]
 

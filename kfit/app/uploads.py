@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TypeVar
 
@@ -26,6 +27,21 @@ NAMES = "JPEG, PNG, WebP, AVIF or HEIC"
 ENDINGS = [ending for endings in KINDS.values() for ending in endings]
 
 Read = TypeVar("Read")
+
+
+@contextmanager
+def received(path: Path) -> Iterator[None]:
+    """Delete an uploaded file when the ``with`` statement that reads it ends, and keep its folder out of messages.
+
+    Raises:
+        ValueError: for the ValueError or OSError of what reads it.
+    """
+    try:
+        yield
+    except (ValueError, OSError) as error:
+        raise ValueError(str(error).replace(str(path), path.name)) from error
+    finally:
+        path.unlink(missing_ok=True)
 
 
 def read_upload(path: Path) -> Photo:

@@ -110,8 +110,8 @@ class CoordinateRegressor(nn.Module):
         log_share = logits.log_softmax(2)
         losses = []
         for turn in self.turns:
-            turned = torch.einsum("ij,njhw->nihw", turn, coordinates)
-            bins = ((turned + 0.5) * self.num_bins).long().clamp(0, self.num_bins - 1)
+            rotated = torch.einsum("ij,njhw->nihw", turn, coordinates)
+            bins = ((rotated + 0.5) * self.num_bins).long().clamp(0, self.num_bins - 1)
             each = -log_share.gather(2, bins.unsqueeze(2)).squeeze(2).sum(1)
             losses.append((each * known).sum((1, 2)) / amount)
         return torch.stack(losses).amin(0)

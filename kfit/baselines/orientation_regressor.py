@@ -77,8 +77,8 @@ class OrientationRegressor(nn.Module):
         """
         published = VGG16(("pool5",), weights).features
         pairs = zip(_convolutions(self.features), _convolutions(published), strict=True)
-        for own, given in pairs:
-            own.load_state_dict(given.state_dict())
+        for own, values in pairs:
+            own.load_state_dict(values.state_dict())
 
     def forward(self, image: Tensor) -> Tensor:
         """Rotation (N, 3, 3) of the object in the generator's y-up frame, as `kfit.geometry.rotation_from_angles` has

@@ -140,7 +140,7 @@ class DatasetFit(LightningModule):
         return sum(isinstance(answer, PoseResult) for answer in answers.values())
 
     def on_predict_end(self) -> None:
-        """Say what was done, and wait for the processes that were started on this machine."""
+        """Report what was done, and wait for the processes that were started on this machine."""
         parts = [f"{self.counts['objects']} objects in {self.counts['images']} images fitted into {self.folder.path}"]
         parts += [
             f"{count} {name} not, for there is {self._no_model}" for name, count in sorted(self.modelless.items())
@@ -233,5 +233,5 @@ class DatasetFit(LightningModule):
 
 
 def _digest(path: Path) -> str:
-    """Tells one model from another: by its weights and its card, which files of version 0.1 have elsewhere."""
+    """Distinguish a model from others by its weights and its card, which files of version 0.1 have elsewhere."""
     return hashlib.sha256(path.read_bytes() + read_card(path).to_json().encode()).hexdigest()[:12]

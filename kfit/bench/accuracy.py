@@ -6,6 +6,7 @@ import json
 import math
 import shlex
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -51,7 +52,7 @@ def parser() -> ArgumentParser:
 
 
 def add_sources(parser: ArgumentParser, views: int) -> None:
-    """Add the arguments that choose models, and what they are measured on, so many procedural ``views`` unless said."""
+    """Add the arguments that choose models and what they are measured on, ``views`` procedural objects by default."""
     models = parser.add_argument_group("models")
     models.add_argument(
         "--categories", type=list[str], default=None, metavar="[NAME,…]", help="bundled models (default: all of them)"
@@ -119,12 +120,12 @@ def run(args: Namespace) -> None:
         procedural = fits.procedural() if args.views else {}
         scans = fits.scans() if args.meshes else {}
         objects = fits.objects() if args.nocs else []
-    how_seen = f", {args.views_of} views" + (", with depth" if args.depth else "")
+    kind = f", {args.views_of} views" + (", with depth" if args.depth else "")
     sections = []
     if procedural:
-        sections.append(views_section(f"Unseen procedural objects{how_seen}", procedural))
+        sections.append(views_section(f"Unseen procedural objects{kind}", procedural))
     if scans:
-        sections.append(views_section(f"Scans{how_seen}", scans))
+        sections.append(views_section(f"Scans{kind}", scans))
     if objects:
         sections.append(objects_section(objects))
     for section in sections:
@@ -154,19 +155,21 @@ def _pipeline(args: Namespace, model: CategoryModel, depth: bool) -> FitPipeline
 def write_card(
     models: dict[str, CategoryModel], args: Namespace, procedural: Figures, scans: Figures, objects: list[Any]
 ) -> None:
-    """Note what was measured in the card of the one model."""
+    """Write the one model's file again, with what was measured in its card."""
     from kfit.models import write_model
 
     (model,) = models.values()
     schedule = {name: _schedule(args)[name] for name in ("starts", "steps", "pruned", "seed")}
-    how_seen = f", {args.views_of} views" + (", with depth" if args.depth else "")
+    kind = f", {args.views_of} views" + (", with depth" if args.depth else "")
+    measured: dict[str, Any] = {}
     for found in procedural.values():
-        model.card.accuracy[f"unseen procedural objects, held-out families{how_seen}"] = {**schedule, **found}
+        measured[f"unseen procedural objects, held-out families{kind}"] = {**schedule, **found}
     if scans:
-        model.card.accuracy[f"scans{how_seen}"] = {**schedule, **scans}
+        measured[f"scans{kind}"] = {**schedule, **scans}
     if objects:
-        model.card.accuracy["objects of NOCS's frames, true masks"] = {**schedule, "objects": objects}
-    write_model(Path(args.model), model.networks, model.card)  # the weights that were measured, with their card
+        measured["objects of NOCS's frames, true masks"] = {**schedule, "objects": objects}
+    card = replace(model.card, accuracy={**model.card.accuracy, **measured})
+    write_model(Path(args.model), model.networks, card)  # the weights that were measured, with their card
 
 
 def _schedule(args: Namespace) -> dict[str, Any]:

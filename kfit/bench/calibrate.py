@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -113,8 +114,8 @@ def run(args: Namespace) -> None:
     weights = {name: float(weight) for name, weight in pipeline.weights.items() if weight}  # type: ignore[arg-type]
     found = calibrate(features, right, energy, how_fitted(fitted, weights), args.seed, distances)
     found.measured["sets"] = by_set(names, cross_validated(features, right), right)
-    model.card.calibration[kind] = found
-    write_model(Path(args.model), model.networks, model.card)  # the weights that were measured, with their card
+    card = replace(model.card, calibration={**model.card.calibration, kind: found})
+    write_model(Path(args.model), model.networks, card)  # the weights that were measured, with their card
     print_reliability(found.measured, "by cross-validation")
     print_sets(found.measured["sets"])
     print(f"covariances are multiplied by {found.covariance_factor:.2f}, by {len(distances)} right answers")
@@ -165,6 +166,6 @@ def print_reliability(found: dict[str, Any], how: str) -> None:
     table_console(100).print(table)
     print(
         f"{100 * found['right']:.0f} % of {sum(row['number'] for row in found['bins'])} are within 20°; calibration "
-        f"error {100 * found['calibration error']:.1f} %; Brier score {found['brier']:.3f}, of the share said of all "
-        f"{found['brier of the share']:.3f}"
+        f"error {100 * found['calibration error']:.1f} %; Brier score {found['brier']:.3f}, "
+        f"{found['brier of the share']:.3f} if all had the share of right ones as confidence"
     )

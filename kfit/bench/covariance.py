@@ -35,8 +35,8 @@ def pose_offsets(
         pixel = views.intrinsics[number] @ place
         turn = viewing_ray_rotation(pixel[:2] / pixel[2], views.intrinsics[number])
         truth, found = turn @ to_opencv(views.rotation[number]), torch.from_numpy(answer.rotation)
-        turned = rotation_offset(truth[None], found[None], symmetry)[0]
-        offsets.append(torch.cat([turned, place - torch.from_numpy(answer.translation)]))
+        offset = rotation_offset(truth[None], found[None], symmetry)[0]
+        offsets.append(torch.cat([offset, place - torch.from_numpy(answer.translation)]))
         covariances.append(torch.from_numpy(answer.covariance))
     if not offsets:
         return torch.zeros(0, 6).double(), torch.zeros(0, 6, 6).double()

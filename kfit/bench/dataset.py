@@ -72,7 +72,7 @@ def run(args: Namespace) -> None:
             out = Path(folder) / precision
             bar.reset(task, description=f"fitting by {precision}")
             ends = fitted(photos, out, args, precision, device.type, lambda: shown(args.batch_size))
-            rows.append([precision, *figures(ends, args), *judged(model, views, out)])
+            rows.append([precision, *figures(ends, args), *accuracy_cells(model, views, out)])
     table = section(rows)
     show([table], 140)
     if args.out:
@@ -111,7 +111,7 @@ def fitted(
     class Watch(Callback):
         """Notes the time at each batch's end."""
 
-        def on_predict_batch_end(self, trainer: Trainer, pl_module: LightningModule, *rest: Any) -> None:
+        def on_predict_batch_end(self, trainer: Trainer, pl_module: LightningModule, *more: Any) -> None:
             ends.append(time.perf_counter() - begun)
             on_batch()
 
@@ -136,7 +136,7 @@ def figures(ends: list[float], args: Namespace) -> list[str]:
     return [f"{ends[0]:.1f}", f"{rate:.2f}", f"{1000 / rate:.1f}", f"{whole / 60:.1f}"]
 
 
-def judged(model: CategoryModel, views: HeldOutViews, out: Path) -> list[str]:
+def accuracy_cells(model: CategoryModel, views: HeldOutViews, out: Path) -> list[str]:
     """Median rotation error, and the share of answers within 10°."""
     import torch
 

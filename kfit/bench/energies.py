@@ -60,16 +60,16 @@ def mixes(vgg16: str | None) -> dict[str, Callable[[CategoryModel], Mix]]:
     from kfit.features import VGG16, Activations
     from kfit.pose.defaults import default_energies
 
-    usual = default_energies()
+    default = default_energies()
 
     def efficient(model: CategoryModel) -> Mix:
-        return {"perceptual": usual["perceptual"]}
+        return {"perceptual": default["perceptual"]}
 
     def ssim(model: CategoryModel) -> Mix:
-        return {"ssim": usual["ssim"]}
+        return {"ssim": default["ssim"]}
 
     def silhouette(model: CategoryModel) -> Mix:
-        return {"silhouette": usual["silhouette"]}
+        return {"silhouette": default["silhouette"]}
 
     def encoder(model: CategoryModel) -> Mix:
         reduced = [name for name, _ in model.encoder.named_modules() if name.startswith("reduce.")]
@@ -90,7 +90,7 @@ def mixes(vgg16: str | None) -> dict[str, Callable[[CategoryModel], Mix]]:
         "SSIM": ssim,
         "EfficientNet, silhouette": together(efficient, silhouette),
         "SSIM, silhouette": together(ssim, silhouette),
-        "EfficientNet, SSIM, silhouette": lambda model: usual,
+        "EfficientNet, SSIM, silhouette": lambda model: default,
         "kfit's encoder, SSIM, silhouette": together(encoder, ssim, silhouette),
     }
     if vgg16 is not None:

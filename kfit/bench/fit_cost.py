@@ -63,7 +63,7 @@ def timed(pipeline: FitPipeline, observation: Observation, seed: int = 0) -> tup
 def energy_at(pipeline: FitPipeline, observation: Observation, result: FitResult) -> torch.Tensor:
     """Energies (B,) that a pipeline gives to the winners of another fit of the same variables, which it ranks by."""
     names = set(pipeline.generator.variables)
-    look = FitPipeline(
+    appearance = FitPipeline(
         pipeline.generator,
         pipeline.terms,
         [Previous(result, on=[name for name in result.values if name in names])],
@@ -73,7 +73,7 @@ def energy_at(pipeline: FitPipeline, observation: Observation, result: FitResult
         num_starts=1,
         num_steps=0,
     )
-    found: FitResult = look(observation, seed=0)
+    found: FitResult = appearance(observation, seed=0)
     return found.energy
 
 

@@ -29,7 +29,7 @@ AXES: dict[str, Sequence[int]] = {
     "code size": (4, 16, 64, 128),
     "picture size": (32, 64, 96, 128),
 }
-USUAL = {"objects": 2, "starts": 4, "steps": 8, "code size": 16, "picture size": 64}
+DEFAULTS = {"objects": 2, "starts": 4, "steps": 8, "code size": 16, "picture size": 64}
 
 
 def resized(model: CategoryModel, code_dim: int, image_size: int) -> RadianceField:
@@ -45,12 +45,12 @@ def resized(model: CategoryModel, code_dim: int, image_size: int) -> RadianceFie
     made, trained = RadianceField(**sized), model.generator.state_dict()
     own = made.state_dict()
     for name, tensor in own.items():
-        given = trained[name]
-        if given.shape != tensor.shape:  # of what a code says: further numbers of it say nothing
-            both = min(given.shape[-1], tensor.shape[-1])
-            tensor.zero_()[..., :both] = given[..., :both]
+        weight = trained[name]
+        if weight.shape != tensor.shape:  # further numbers of a code have no effect
+            both = min(weight.shape[-1], tensor.shape[-1])
+            tensor.zero_()[..., :both] = weight[..., :both]
         else:
-            tensor.copy_(given)
+            tensor.copy_(weight)
     made.load_state_dict(own)
     made.thickness = model.generator.thickness
     return made.eval()

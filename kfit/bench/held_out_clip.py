@@ -74,9 +74,9 @@ def held_out_clip(
     for time in range(num_frames):
         swing = {length: math.sin(2 * math.pi * time / length) for length in (35, 40, 45, 50, 60)}
         angles = (start + pace * time, low + math.radians(12) * swing[60], math.radians(5) * swing[40])
-        turned = rotation_from_angles(*(torch.tensor(angle, dtype=torch.float64) for angle in angles))
+        rotation = rotation_from_angles(*(torch.tensor(angle, dtype=torch.float64) for angle in angles))
         pose = np.eye(4)
-        pose[:3, :3] = turned.numpy()
+        pose[:3, :3] = rotation.numpy()
         pose[:3, 3] = 0.25 * swing[45], 0.15 * swing[35], -(3.2 + 0.5 * swing[50])
         view = render(mesh, pose, camera, (HEIGHT, WIDTH), light, 2)
         left, top = int(20 + 15 * math.sin(time / 20)), int(20 + 10 * math.cos(time / 20))
@@ -84,5 +84,5 @@ def held_out_clip(
         noisy = view.image + ground + rng.normal(0, NOISE, view.image.shape)
         frames.append(np.clip(noisy, 0, 1).astype(np.float32))
         masks.append(view.mask.astype(np.float32))
-        rotations.append(to_opencv(turned[None])[0])
+        rotations.append(to_opencv(rotation[None])[0])
     return Clip(frames, masks, torch.stack(rotations), camera)

@@ -229,7 +229,7 @@ def answers(model: CategoryModel, views: HeldOutViews, results: list[FitResult])
 
 
 def called_ambiguous(model: CategoryModel, views: HeldOutViews, results: list[FitResult]) -> Tensor:
-    """Whether each view's answer is said to be ambiguous, (N,): what `rotation_errors` found, judged as `pose` does."""
+    """Whether each view's answer is reported as ambiguous, (N,): `rotation_errors`' fits, evaluated as `pose` does."""
     ambiguous: list[bool] = []
     upright, log_probabilities = torch.eye(3).double(), model.pose_log_probabilities(views.observation)
     for fit in (one for result in results for one in result):

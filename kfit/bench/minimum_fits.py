@@ -55,22 +55,22 @@ class Candidate(NamedTuple):
 
 def candidates(refined: bool) -> dict[str, Candidate]:
     """Return what is compared, by its name in tables: with a refiner, learned steps and its score too."""
-    usual = {name: weight for name, (_, weight) in default_energies().items()}
+    weights = {name: weight for name, (_, weight) in default_energies().items()}
     plain = {
-        "default energies": Candidate(usual),
+        "default energies": Candidate(weights),
         "EfficientNet alone": Candidate({"perceptual": 1.0}),
         "SSIM alone": Candidate({"ssim": 2.0}),
         "silhouette alone": Candidate({"silhouette": 5.0}),
-        "silhouette × 4": Candidate(usual | {"silhouette": 20.0}),
-        "code's prior × 10": Candidate(usual, prior=0.2),
-        "code held": Candidate(usual, code_rate=0.0),
+        "silhouette × 4": Candidate(weights | {"silhouette": 20.0}),
+        "code's prior × 10": Candidate(weights, prior=0.2),
+        "code held": Candidate(weights, code_rate=0.0),
     }
     learned = {
         "one learned step": Candidate({"score": 1.0}, learned=1, descended=0),
         f"{NUM_LEARNED} learned steps": Candidate({"score": 1.0}, learned=NUM_LEARNED, descended=0),
-        f"{NUM_LEARNED} learned steps, default energies": Candidate(usual, learned=NUM_LEARNED),
+        f"{NUM_LEARNED} learned steps, default energies": Candidate(weights, learned=NUM_LEARNED),
         f"{NUM_LEARNED} learned steps, default energies, learned score": Candidate(
-            usual | {"score": 1.0}, learned=NUM_LEARNED
+            weights | {"score": 1.0}, learned=NUM_LEARNED
         ),
     }
     return plain | learned if refined else plain
@@ -147,8 +147,8 @@ def true_poses(model: CategoryModel, views: HeldOutViews) -> Variables:
 def rotated_poses(poses: Variables, rotation: Tensor) -> Variables:
     """The same poses with other rotations (N · S, 3, 3), S of each."""
     count = len(rotation) // len(poses["scale"])
-    turned = dict(zip(POSE, (angle.float() for angle in angles_from_rotation(rotation)), strict=False))
-    return turned | {name: poses[name].repeat_interleave(count, 0) for name in ("shift", "scale")}
+    angles = dict(zip(POSE, (angle.float() for angle in angles_from_rotation(rotation)), strict=False))
+    return angles | {name: poses[name].repeat_interleave(count, 0) for name in ("shift", "scale")}
 
 
 def off_by(rotation: Tensor, degrees: float, rng: torch.Generator) -> Tensor:

@@ -89,6 +89,6 @@ def fit_known(
     away = frame.depth if depth else None
     found = model.pose(frame.image, thing.mask, intrinsics=frame.intrinsics, depth=away, pipeline=pipeline)
     symmetry = nocs_symmetry(thing.category, thing.handle_visible)
-    turned = rotation_error_deg(torch.from_numpy(found.rotation), torch.from_numpy(truth), symmetry)
+    rotation_deg = rotation_error_deg(torch.from_numpy(found.rotation), torch.from_numpy(truth), symmetry)
     moved = translation_error_cm(torch.from_numpy(found.translation), torch.from_numpy(place))
-    return found, float(turned), float(moved)
+    return found, float(rotation_deg), float(moved)

@@ -101,18 +101,19 @@ def faults(label: Label, result: PoseResult) -> list[str]:
     found = []
     for axis, (direction, word, lean) in label.axes.items():
         either = axis == "up" and label.either_end
-        seen_direction, seen_lean = _axis(result, AXES[axis])
+        found_direction, found_lean = _axis(result, AXES[axis])
         if direction is not None:
-            off = 180.0 if seen_direction is None else abs((seen_direction - direction + 180) % 360 - 180)
+            off = 180.0 if found_direction is None else abs((found_direction - direction + 180) % 360 - 180)
             off = min(off, 180 - off) if either else off
             if off > label.tolerance + SLACK:
                 found.append(f"{axis} {off:.0f}° off")
         if lean is not None:
-            beyond = abs((abs(seen_lean) if either else seen_lean) - (abs(lean) if either else lean)) - label.tolerance
+            found_lean, lean = (abs(found_lean), abs(lean)) if either else (found_lean, lean)
+            beyond = abs(found_lean - lean) - label.tolerance
         else:
-            beyond = _contradiction(word, seen_lean, direction is None, either)
+            beyond = _contradiction(word, found_lean, direction is None, either)
         if beyond > SLACK:
-            found.append(f"{axis} leans {seen_lean:.0f}° to the viewer")
+            found.append(f"{axis} leans {found_lean:.0f}° to the viewer")
     return found
 
 
@@ -151,11 +152,11 @@ def box_iou(label: Label, result: PoseResult) -> float:
     height, width = result.image.shape[:2]
     limits = np.array([0.0, 0.0, width, height])
     drawn = np.array([*label.box[:2], label.box[0] + label.box[2], label.box[1] + label.box[3]])
-    box_seen = np.concatenate([flat.min(0), flat.max(0)])
+    found_box = np.concatenate([flat.min(0), flat.max(0)])
     cut = np.abs(drawn - limits) <= EDGE * max(width, height)
     cut |= np.array([*(drawn[:2] < limits[:2]), *(drawn[2:] > limits[2:])])
-    inside = np.concatenate([np.maximum(box_seen[:2], limits[:2]), np.minimum(box_seen[2:], limits[2:])])
-    return overlap(np.where(cut, inside, box_seen), drawn)
+    inside = np.concatenate([np.maximum(found_box[:2], limits[:2]), np.minimum(found_box[2:], limits[2:])])
+    return overlap(np.where(cut, inside, found_box), drawn)
 
 
 def _filled(category: str, size: NDArray[np.float64]) -> NDArray[np.float64]:

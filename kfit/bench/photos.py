@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 # An object is found if the box of its mask has this IoU with the drawn one; its 3D box is good from the second on.
 FOUND, GOOD = 0.7, 0.75
-SURE = 0.8
+CONFIDENT = 0.8
 
 
 @dataclass(frozen=True)
@@ -138,7 +138,7 @@ def totals(rows: Sequence[Row], others: int) -> Section:
         f"found, IoU ≥ {FOUND:g}": lambda row: row.found,
         "right orientation": lambda row: row.right,
         f"box IoU ≥ {GOOD:g}": lambda row: row.box_iou >= GOOD,
-        f"wrong at ≥ {100 * SURE:.0f} %": lambda row: row.confidence >= SURE and not row.right,
+        f"wrong at ≥ {100 * CONFIDENT:.0f} %": lambda row: row.confidence >= CONFIDENT and not row.right,
     }
     return Section(
         "Totals",

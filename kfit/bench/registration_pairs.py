@@ -31,7 +31,7 @@ def make_pair(name: str, size: int, noise: float, seed: int, motion: str = "homo
 
     The twin is warped there, by Lanczos, so that no method's own interpolation made it; what the warp brings in from
     outside is the picture's own surroundings. Brightness stays within the range. An affine map moves three corners at
-    random, and the fourth as they say.
+    random, and the fourth follows from them.
     """
     import cv2
     import numpy as np

@@ -38,7 +38,7 @@ def run(args: Namespace) -> None:
     if args.fits < 1:
         raise ValueError(f"--fits must be at least 1, got {args.fits}")
 
-    from kfit.bench.fit_scaling import AXES, USUAL, cost_of, rate_of_processes
+    from kfit.bench.fit_scaling import AXES, DEFAULTS, cost_of, rate_of_processes
     from kfit.models import load
 
     model = load(args.category)
@@ -48,7 +48,7 @@ def run(args: Namespace) -> None:
         for axis, values in AXES.items():
             for value in values:
                 bar.update(task, description=f"{value} {axis}" if axis.endswith("s") else f"{axis} {value}")
-                cost = cost_of(model, {**USUAL, axis: value})
+                cost = cost_of(model, {**DEFAULTS, axis: value})
                 found.setdefault(axis, []).append((value, cost.seconds, cost.megabytes))
                 bar.advance(task)
         rates = {}
@@ -56,7 +56,7 @@ def run(args: Namespace) -> None:
             bar.update(task, description=f"{count} processes")
             rates[count] = rate_of_processes(args.category, count, args.fits)
             bar.advance(task)
-    tables = sections(found, rates, USUAL)
+    tables = sections(found, rates, DEFAULTS)
     show(tables, 120)
     if args.out:
         drawn, repeat = figure(found), command("scaling", args, parser().get_defaults())
@@ -71,7 +71,7 @@ def run(args: Namespace) -> None:
 
 
 def sections(
-    found: dict[str, list[tuple[int, float, float | None]]], rates: dict[int, float], usual: dict[str, int]
+    found: dict[str, list[tuple[int, float, float | None]]], rates: dict[int, float], defaults: dict[str, int]
 ) -> list[Section]:
     """A table of sizes, seconds and memory, and one of processes."""
     rows = []
@@ -79,12 +79,12 @@ def sections(
         for value, seconds, memory in points:
             memory_text = "unknown" if memory is None else f"{memory:.0f}"
             rows.append([axis, str(value), f"{seconds:.2f}", f"{seconds / points[0][1]:.1f} ×", memory_text])
-    rest = ", ".join(f"{name} {value}" for name, value in usual.items())
+    others = ", ".join(f"{name} {value}" for name, value in defaults.items())
     grown = Section(
         "Sizes",
         ["what grows", "to", "s a fit", "of the first", "MB at most"],
         rows,
-        [f"The rest stays at {rest}. Memory is the whole process's, PyTorch, weights and all."],
+        [f"The rest stays at {others}. Memory is the whole process's, PyTorch, weights and all."],
     )
     more = [[str(count), f"{rate:.2f}", f"{rate / rates[1]:.2f} ×"] for count, rate in rates.items()]
     return [grown, Section("Processes of one thread", ["processes", "fits a second", "of one"], more)]
@@ -103,9 +103,9 @@ def figure(found: dict[str, list[tuple[int, float, float | None]]]) -> Figure:
         plot.spines["top"].set_visible(False)
         plot.grid(alpha=0.3)
         if None not in memory:
-            beside = plot.twinx()
-            beside.plot(sizes, memory, "s--", color="#ee6677")
-            beside.set(ylim=(0, 2 * max(memory)))
-            beside.set_ylabel("MB at most", color="#ee6677")
-            beside.spines["top"].set_visible(False)
+            right = plot.twinx()
+            right.plot(sizes, memory, "s--", color="#ee6677")
+            right.set(ylim=(0, 2 * max(memory)))
+            right.set_ylabel("MB at most", color="#ee6677")
+            right.spines["top"].set_visible(False)
     return whole

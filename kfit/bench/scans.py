@@ -18,7 +18,7 @@ from kfit.pose.category_model import CategoryModel
 
 
 def find_scans(places: str | Sequence[str], categories: Collection[str]) -> tuple[list[MeshFile], list[Path]]:
-    """Meshes of known categories, and paths of meshes whose category nobody says.
+    """Meshes of known categories, and paths of meshes of unknown category.
 
     A mesh is of the category that stands before its place, else of the one that its file or the innermost of its
     folders names as a whole word (``ycb/025_mug/textured.obj``: mug). Where there is one category alone, it is of that.

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from kfit.pose import CategoryModel
 
 FILE = "speed.json"
-# Of the released energy of the picture beside kfit's priors: what the code prior's weight of 0.02 is to the released 1.
+# Weight of the released picture energy relative to kfit's priors, as the code prior's 0.02 to the released 1.
 RELEASED_WEIGHT = 0.02
 DONE = "fits"
 
@@ -173,8 +173,8 @@ def fit(
     with precision(way.precision, device):
         result, cost = timed(way.pipeline, observation, seed)
     symmetry = way.model.card.known.symmetry if views.visible[number] else "y"
-    turned = rotation_of({name: value.double().cpu() for name, value in result.values.items()})
-    away = rotation_error(turned, views.rotation[number : number + 1], symmetry)
+    fitted = rotation_of({name: value.double().cpu() for name, value in result.values.items()})
+    away = rotation_error(fitted, views.rotation[number : number + 1], symmetry)
     energies = {
         f"energy: {other.name}": float(energy_at(other.pipeline, observation, result))
         for other in ways

@@ -83,11 +83,11 @@ def measured(model: CategoryModel, clip: Clip, every: int) -> dict[str, Any]:
     ways["by itself"] = {"errors": errors, "seconds": spent}
     masks = [mask > 0.5 for mask in clip.masks]
     masks_of: dict[str, dict[str, Any]] = {"true masks": {"masks": masks}, "own masks": {"mask": masks[0]}}
-    for way, given in masks_of.items():
+    for way, chosen in masks_of.items():
         answers: list[TrackedPose] = []
         spent = []
         begun = time.perf_counter()
-        for answer in track(model, clip.frames, intrinsics=clip.intrinsics, **given):
+        for answer in track(model, clip.frames, intrinsics=clip.intrinsics, **chosen):
             spent.append(time.perf_counter() - begun)
             answers.append(answer)
             begun = time.perf_counter()

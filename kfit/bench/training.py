@@ -91,18 +91,18 @@ def _steps_shown(name: str, steps: int) -> Callback:
     from lightning.pytorch import Callback
 
     class Shown(Callback):
-        def on_train_start(self, *rest: Any) -> None:
+        def on_train_start(self, *args: Any) -> None:
             self.bar = progress()
             self.bar.start()
             self.task = self.bar.add_task(f"training by {name}", total=steps)
 
-        def on_train_batch_end(self, *rest: Any) -> None:
+        def on_train_batch_end(self, *args: Any) -> None:
             self.bar.advance(self.task)
 
-        def on_train_end(self, *rest: Any) -> None:
+        def on_train_end(self, *args: Any) -> None:
             self.bar.stop()
 
-        def on_exception(self, *rest: Any) -> None:
+        def on_exception(self, *args: Any) -> None:
             self.bar.stop()
 
     return Shown()

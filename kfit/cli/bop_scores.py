@@ -41,7 +41,7 @@ def run(args: Namespace) -> None:
     joined = ObjectErrors(*(np.concatenate(part) for part in zip(*errors.values(), strict=True)))
     if len(errors) > 1:
         table.add_row("all", *_row(joined))
-    text = json.dumps({str(kind): _told(one) for kind, one in errors.items()} | {"all": _told(joined)}, indent=2)
+    text = json.dumps({str(kind): _figures(one) for kind, one in errors.items()} | {"all": _figures(joined)}, indent=2)
     folder = Path(args.out)
     for path in atomic_write(folder, {"scores.json": partial(_write, text=text + "\n")}):
         log.info("wrote %s", path)
@@ -82,13 +82,13 @@ def _place(one: BOPEstimate) -> tuple[int, int, int]:
 
 
 def _row(one: ObjectErrors) -> list[str]:
-    told = _told(one)
-    median = "–" if told["median_deg"] is None else f"{told['median_deg']:.1f}°, {told['median_cm']:.1f} cm"
+    figures = _figures(one)
+    median = "–" if figures["median_deg"] is None else f"{figures['median_deg']:.1f}°, {figures['median_cm']:.1f} cm"
     recalls = [f"{100 * one.recall(*limits):.0f}" for limits in THRESHOLDS]
-    return [str(len(one.rotation_deg)), f"{100 * float(told['found'] or 0):.0f} %", median, *recalls]
+    return [str(len(one.rotation_deg)), f"{100 * float(figures['found'] or 0):.0f} %", median, *recalls]
 
 
-def _told(one: ObjectErrors) -> Mapping[str, float | None]:
+def _figures(one: ObjectErrors) -> Mapping[str, float | None]:
     there = np.isfinite(one.rotation_deg)
     medians = {
         f"median_{unit}": float(np.median(values[there])) if there.any() else None

@@ -9,7 +9,7 @@ from jsonargparse import ArgumentParser, Namespace
 
 from kfit.cli import info
 from kfit.cli.photo_files import path_name
-from kfit.runtime.help_page import tree
+from kfit.runtime.parser_parts import arguments_of, tree
 
 SHELLS = Literal["bash", "zsh", "fish"]
 
@@ -39,7 +39,7 @@ example:
 def run(args: Namespace, whole: ArgumentParser) -> None:
     """Print the script for the parser of all commands."""
     for part in tree(whole):
-        for action in part._actions:
+        for action in arguments_of(part):
             _complete_words(action)
     print(whole.get_completion_script(f"shtab-{args.shell}"))
 

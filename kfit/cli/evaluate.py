@@ -147,10 +147,10 @@ def _legend(settings: Mapping[str, Any]) -> str:
         "oriented": "exactly",
     }[settings["iou"]]
     shifts = "; d is the diagonal of an object's box" if settings["scale_agnostic"] else ""
-    judged = "" if settings["poses"] == "pred_RTs" else f" and are {settings['poses']}"
+    compared = "" if settings["poses"] == "pred_RTs" else f" and are {settings['poses']}"
     return (
         f"Average precision in %. Boxes are compared {boxes}; poses are evaluated where the box was found at 3D IoU 0.1"
-        f"{judged}; 10° and 60° are at any distance{shifts}."
+        f"{compared}; 10° and 60° are at any distance{shifts}."
     )
 
 

@@ -16,8 +16,8 @@ from kfit.bench.accuracy_page import Section, processor
 from kfit.bench.page import show
 
 PACKAGES = ("torch", "kornia", "opencv-contrib-python-headless", "onnxruntime", "lightning")
-# As cards name them.
-UNSEEN, ALL = "unseen procedural objects, held-out families", "all views"
+# As cards name them; earlier ones do not name the kind of views.
+HELD_OUT, UPRIGHT, ALL = "unseen procedural objects, held-out families", ", upright views", "all views"
 BUNDLED = Path(__file__).parents[1] / "models/bundled"
 MIB = 2**20
 
@@ -26,7 +26,7 @@ def parser() -> ArgumentParser:
     """Arguments of ``kfit info``."""
     parser = ArgumentParser(
         description="Show what a bug report needs: versions, devices, bundled models with their rotation errors on "
-        "unseen procedural objects, caches and optional packages.",
+        "upright views of unseen procedural objects, caches and optional packages.",
         epilog="examples:\n  kfit info\n  kfit info --json",
     )
     parser.add_argument("--json", action="store_true", help="print JSON instead of tables")
@@ -79,7 +79,7 @@ def models() -> list[dict[str, Any]]:
         card = read_card(path)
         with safe_open(path, "np") as file:
             shapes = [file.get_slice(name).get_shape() for name in file.keys()]  # noqa: SIM118
-        measured = card.accuracy.get(UNSEEN, {}).get(ALL, {})
+        measured = card.accuracy.get(HELD_OUT + UPRIGHT, card.accuracy.get(HELD_OUT, {})).get(ALL, {})
         found.append(
             {
                 "category": card.category,

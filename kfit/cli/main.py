@@ -15,8 +15,9 @@ from kfit.bench import command as bench
 from kfit.cli import app, compare, completion, demo, evaluate, export, info, pack, pose, video, views
 from kfit.runtime.console import ENDINGS, add_general_options, session
 from kfit.runtime.did_you_mean import suggestion
-from kfit.runtime.help_page import HelpPage, tree
+from kfit.runtime.help_page import HelpPage
 from kfit.runtime.parse_errors import sentence
+from kfit.runtime.parser_parts import options_of, tree
 
 TRAINING = {
     "fit": "Train networks by a recipe, with Lightning.",
@@ -141,7 +142,7 @@ def main(args: Sequence[str] | None = None) -> None:
             named = [word for word, known in zip(words, (COMMANDS, bench.BENCHMARKS), strict=False) if word in known]
             message = sentence(str(error))
             key = message.partition(" ")[0].replace("_", "-")
-            option = any(f"--{key}" in part._option_string_actions for part in tree(top))
+            option = any(f"--{key}" in options_of(part) for part in tree(top))
             reason = f"--{key}{message[len(key) :]}" if option else message
             raise ValueError(
                 f"{reason};{suggestion(words, top, TRAINING)} `{' '.join(['kfit', *named])} --help` shows the usage"

@@ -87,8 +87,8 @@ def answer_views(
     targets = shared_object([targets for _, targets in found], photos)
     for name, target in zip(photos, targets, strict=True):
         log.info("found a %s in %s", target.words, name)
-    model, seen = model_of(targets[0].category), [photo for photo, _ in found]
-    result = pose_in_views(model, seen, targets, poses, camera_of(args), args.seed)
+    model, pictures = model_of(targets[0].category), [photo for photo, _ in found]
+    result = pose_in_views(model, pictures, targets, poses, camera_of(args), args.seed)
     for note in result.notes:
         log.info("%s", note)
     return result

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 from jsonargparse import ArgumentParser, Namespace
 
 from kfit.cli.object_arguments import camera_of, check_thing
+from kfit.cli.video_summary import VideoSummary
 from kfit.runtime.console import log, progress, status
 
 if TYPE_CHECKING:
@@ -97,7 +98,7 @@ def run(args: Namespace) -> None:
     overlay, _ = atomic_write(Path(args.out), files)
     if frames.note:
         log.info("%s", frames.note)
-    print(f"{video.described()} · {overlay}")
+    print(f"{video.summary.sentence(video.model.card.category)} · {overlay}")
 
 
 class Video:
@@ -109,17 +110,16 @@ class Video:
         args: arguments of the command line.
 
     Attributes:
-        num_frames, num_anew: that were gone through; in which it was found anew, but the first.
-        confidences: confidences of the frames in which it was found.
+        summary: what was found so far.
     """
 
     def __init__(self, model: CategoryModel, frames: Frames, args: Namespace) -> None:
         from kfit.segmentation import pictures
+        from kfit.tracking.track_confidence import pose_head_of
 
+        pose_head_of(model)  # refused before the first frame is fitted
         self.model, self.frames, self.args = model, frames, args
-        self.num_frames = self.num_anew = 0
-        self.confidences: list[float] = []
-        self.seconds = 0.0
+        self.summary = VideoSummary()
         self.masks = None if args.masks is None else pictures(Path(args.masks))
         if self.masks is not None and Path(args.frames).is_dir() and len(self.masks) != frames.count:
             raise ValueError(f"--masks: {args.masks} holds {len(self.masks)} masks for {frames.count} frames")
@@ -135,24 +135,22 @@ class Video:
             poses.open("w", buffering=1) as file,  # written frame by frame, so that a full disk ends it early
             VideoFile(overlay, self.frames.rate) as video,
             # A frame is drawn and encoded while the next is followed.
-            ThreadPoolExecutor(1) as beside,
+            ThreadPoolExecutor(1) as drawing,
             progress() as bar,
         ):
             task = bar.add_task("following", total=self.frames.count)
             shown: Future[None] | None = None
-            for frame, answer in self.tracked(file):
-                file.write(f"{',' if self.num_frames else ''}\n  {json.dumps(entry(self.num_frames, frame, answer))}")
+            for number, (frame, answer) in enumerate(self.tracked(file)):
+                file.write(f"{',' if number else ''}\n  {json.dumps(entry(number, frame, answer))}")
                 if shown is not None:
                     shown.result()
-                shown = beside.submit(self.show, video, frame, answer, self.num_frames)
-                self.confidences += [answer.confidence] if answer.found else []
-                self.num_anew += answer.anew and self.num_frames > 0
-                self.num_frames += 1
+                shown = drawing.submit(self.show, video, frame, answer, number)
+                self.summary.add(answer)
                 bar.advance(task)
             if shown is not None:
                 shown.result()
-            file.write(f'\n], "summary": {json.dumps(self.summary())}}}\n')
-        self.seconds = time.perf_counter() - begun
+            file.write(f'\n], "summary": {json.dumps(self.summary.to_dict())}}}\n')
+        self.summary.seconds = time.perf_counter() - begun
 
     def tracked(self, file: TextIO) -> Iterator[tuple[Frame, TrackedPose]]:
         """Yield the frames and their poses; values from the first that hold for all are written before."""
@@ -170,8 +168,7 @@ class Video:
                 tracker = Tracker(self.model, result, self.args.seed)
                 yield frame, tracker.last
             else:
-                given = mask_from_alpha(frame.photo.alpha) if mask is None else mask
-                yield frame, tracker(frame.photo, given)
+                yield frame, tracker(frame.photo, mask_from_alpha(frame.photo.alpha) if mask is None else mask)
 
     def mask(self, number: int, frame: Frame) -> NDArray[np.float32] | None:
         """Return the mask of a frame, or None where none was given for it."""
@@ -205,33 +202,6 @@ class Video:
         outline = (answer.silhouette, answer.crop) if answer.found else None
         confidence = answer.confidence if answer.found else None
         video.write(draw_frame(frame.photo.image, ", ".join(words), pose, outline, confidence))
-
-    def summary(self) -> dict[str, Any]:
-        """How many frames were gone through, and how sure the answers to them are."""
-        from kfit.reports.words import confidence_level
-
-        levels = [confidence_level(confidence) for confidence in self.confidences]
-        return {
-            "frames": self.num_frames,
-            "found": len(levels),
-            "found_anew": self.num_anew,
-            **{f"{level}_confidence": levels.count(level) for level in ("high", "medium", "low")},
-            "median_confidence": sorted(self.confidences)[len(levels) // 2] if levels else None,
-        }
-
-    def described(self) -> str:
-        """Put the summary into one line."""
-        told = self.summary()
-        name, found, frames = self.model.card.category, told["found"], told["frames"]
-        if not found:
-            return f"{name} found in none of {frames} frames"
-        anew = f", {self.num_anew} time{'s' if self.num_anew > 1 else ''} anew" if self.num_anew else ""
-        low = f", unsure in {told['low_confidence']}" if told["low_confidence"] else ""
-        return (
-            f"{name} found in {found} of {frames} frames{anew}; confidence {100 * told['median_confidence']:.0f} % in "
-            f"the median, at least 80 % in {told['high_confidence']} frames{low}; {frames / self.seconds:.1f} frames a "
-            "second"
-        )
 
 
 def header(first: PoseResult) -> dict[str, Any]:

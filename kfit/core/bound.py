@@ -26,5 +26,5 @@ def bind_code(generator: Generator, fixed: Variables, with_code: Callable[[Tenso
         return Generator.bind(generator, **fixed)
     check_bound(generator.variables, fixed)
     bound = with_code(fixed["code"])
-    rest = {name: value for name, value in fixed.items() if name != "code"}
-    return bound.bind(**rest) if rest else bound
+    others = {name: value for name, value in fixed.items() if name != "code"}
+    return bound.bind(**others) if others else bound

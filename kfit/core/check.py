@@ -67,7 +67,7 @@ def check_range(name: str, value: Any, low: float = -math.inf, high: float = mat
     if not (low <= value <= high and -math.inf < value < math.inf):
         beyond = "be finite" if low == -math.inf else f"be finite and at least {low:g}"
         wanted = beyond if high == math.inf else f"lie between {low:g} and {high:g}"
-        raise ValueError(f"{name} must {wanted}, got {_said(value)}")
+        raise ValueError(f"{name} must {wanted}, got {_shown(value)}")
 
 
 def check_positive(name: str, value: Any) -> None:
@@ -79,7 +79,7 @@ def check_positive(name: str, value: Any) -> None:
     """
     _check_kind(name, value, Real, "a number")
     if not 0 < value < math.inf:
-        raise ValueError(f"{name} must be above 0 and finite, got {_said(value)}")
+        raise ValueError(f"{name} must be above 0 and finite, got {_shown(value)}")
 
 
 def check_count(name: str, value: Any, least: int = 1, most: int | None = None) -> None:
@@ -92,7 +92,7 @@ def check_count(name: str, value: Any, least: int = 1, most: int | None = None) 
     _check_kind(name, value, Integral, "a whole number")
     if value < least or (most is not None and value > most):
         wanted = f"be at least {least}" if most is None else f"lie between {least} and {most}"
-        raise ValueError(f"{name} must {wanted}, got {_said(value)}")
+        raise ValueError(f"{name} must {wanted}, got {_shown(value)}")
 
 
 def check_choice(name: str, value: Any, choices: Iterable[str | bool]) -> None:
@@ -107,7 +107,7 @@ def check_choice(name: str, value: Any, choices: Iterable[str | bool]) -> None:
         return
     error = ValueError if isinstance(value, type(choices[0])) else TypeError
     words = " or ".join(map(repr, choices)) if len(choices) == 2 else f"one of {', '.join(map(str, choices))}"
-    raise error(f"{name} must be {words}, got {_said(value)}")
+    raise error(f"{name} must be {words}, got {_shown(value)}")
 
 
 def check_text(name: str, value: Any) -> None:
@@ -119,7 +119,7 @@ def check_text(name: str, value: Any) -> None:
     """
     _check_kind(name, value, (str, PathLike), "text")
     if any(ord(character) < 32 for character in str(value)):
-        raise ValueError(f"{name} must be text without control characters, got {_said(value)}")
+        raise ValueError(f"{name} must be text without control characters, got {_shown(value)}")
 
 
 def check_list(name: str, values: Any, length: int | None, check: Callable[..., None], *bounds: Any) -> None:
@@ -130,11 +130,11 @@ def check_list(name: str, values: Any, length: int | None, check: Callable[..., 
         ValueError: if it is empty or of another length, or by ``check``.
     """
     if isinstance(values, str | bytes):  # sequences too
-        raise TypeError(f"{name} must be a list, got {_said(values)}")
+        raise TypeError(f"{name} must be a list, got {_shown(values)}")
     _check_kind(name, values, Sequence, "a list")
     if len(values) != length if length is not None else not values:
         raise ValueError(
-            f"{name} must hold {'at least one item' if length is None else f'{length} items'}, got {_said(values)}"
+            f"{name} must hold {'at least one item' if length is None else f'{length} items'}, got {_shown(values)}"
         )
     for value in values:
         check(name, value, *bounds)
@@ -162,23 +162,23 @@ def check_rising(name: str, pair: Any, low: float, high: float) -> None:
     """
     check_list(name, pair, 2, check_range)
     if not low <= pair[0] <= pair[1] <= high:
-        raise ValueError(f"{name} must rise within {low:g} to {high:g}, got {_said(pair)}")
+        raise ValueError(f"{name} must rise within {low:g} to {high:g}, got {_shown(pair)}")
 
 
-def check_names(name: str, given: Iterable[str], known: Collection[str], complete: bool = False) -> None:
+def check_names(name: str, names: Iterable[str], known: Collection[str], complete: bool = False) -> None:
     """Refuse unknown names and, if ``complete``, missing names.
 
     Raises:
         TypeError: if ``given`` does not hold names.
         ValueError: listing the names that exist.
     """
-    if isinstance(given, str) or not isinstance(given, Iterable):
-        raise TypeError(f"{name} must hold names, got {_said(given)}")
-    given = list(given)
-    if strange := [item for item in given if not isinstance(item, str)]:
-        raise TypeError(f"{name} must hold names, got {_said(strange[0])}")
-    unknown = sorted(set(given) - set(known))
-    missing = sorted(set(known) - set(given)) if complete else []
+    if isinstance(names, str) or not isinstance(names, Iterable):
+        raise TypeError(f"{name} must hold names, got {_shown(names)}")
+    names = list(names)
+    if strange := [item for item in names if not isinstance(item, str)]:
+        raise TypeError(f"{name} must hold names, got {_shown(strange[0])}")
+    unknown = sorted(set(names) - set(known))
+    missing = sorted(set(known) - set(names)) if complete else []
     if unknown or missing:
         reason = f"unknown {', '.join(unknown)}" if unknown else f"nothing for {', '.join(missing)}"
         raise ValueError(f"{name}: {reason}; the names are {', '.join(sorted(known))}")
@@ -197,10 +197,10 @@ def check_bound(variables: Mapping[str, Any], fixed: Mapping[str, Tensor]) -> No
 
 def _check_kind(name: str, value: Any, kind: Any, words: str) -> None:
     if isinstance(value, bool) or not isinstance(value, kind):
-        raise TypeError(f"{name} must be {words}, got {_said(value)}")
+        raise TypeError(f"{name} must be {words}, got {_shown(value)}")
 
 
-def _said(value: Any) -> str:
+def _shown(value: Any) -> str:
     """Return a short repr on one line."""
     return " ".join(reprlib.repr(value).split())
 

@@ -65,10 +65,10 @@ def _remembering(init: Callable[..., None]) -> Callable[..., None]:
         if "settings" not in vars(self):  # already set if a subclass calls its base's constructor
             with suppress(TypeError):  # wrong arguments are refused by the constructor itself
                 signature = inspect.signature(init)
-                given = {k: _written(v) for k, v in signature.bind(self, *args, **kwargs).arguments.items()}
-                del given[next(iter(given))]
+                values = {k: _written(v) for k, v in signature.bind(self, *args, **kwargs).arguments.items()}
+                del values[next(iter(values))]
                 defaults = {name: _written(parameter.default) for name, parameter in signature.parameters.items()}
-                vars(self)["settings"] = {name: value for name, value in given.items() if value != defaults[name]}
+                vars(self)["settings"] = {name: value for name, value in values.items() if value != defaults[name]}
         init(self, *args, **kwargs)
 
     return remembering

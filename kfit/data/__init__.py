@@ -11,9 +11,10 @@ from kfit.data.nocs_frames import NOCSFrames
 from kfit.data.nocs_pickle import dump_pickle, load_pickle
 from kfit.data.nocs_results import NOCSPrediction, make_result, read_results, result_files, write_result
 from kfit.data.rasterizer import View, pose_view, render
+from kfit.data.rendered_views import build_views
 from kfit.data.shapes import CATEGORIES, build
 from kfit.data.view_pairs import ViewPairs
-from kfit.data.views import Views, build_views
+from kfit.data.views import Views
 
 __all__ = [
     "CATEGORIES",

@@ -102,10 +102,16 @@ class BOPFrames(AnnotatedFrames):
                     low, size = self._box(kind)
                     rotation = np.asarray(thing["cam_R_m2c"], float).reshape(3, 3)
                     centre = rotation @ (low + size / 2) + np.asarray(thing["cam_t_m2c"], float)
-                    turned, sides = rotation @ self.to_category.T, np.abs(self.to_category) @ size
+                    rotated, sides = rotation @ self.to_category.T, np.abs(self.to_category) @ size
                     things.append(
                         AnnotatedObject.of(
-                            place, self.objects[kind], turned, centre / 1000, sides / 1000, intrinsics, mask
+                            place,
+                            self.objects[kind],
+                            rotated,
+                            centre / 1000,
+                            sides / 1000,
+                            intrinsics,
+                            mask,
                         )
                     )
             depth_unit = float(camera.get("depth_scale", 1.0)) / 1000
@@ -133,8 +139,8 @@ class BOPFrames(AnnotatedFrames):
 
     def _box(self, kind: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Lower corner and sides (3,) of a model's box, in millimetres."""
-        told = self._models[str(kind)]
-        return (np.array([float(told[f"{name}_{axis}"]) for axis in "xyz"]) for name in ("min", "size"))  # type: ignore[return-value]
+        model = self._models[str(kind)]
+        return (np.array([float(model[f"{name}_{axis}"]) for axis in "xyz"]) for name in ("min", "size"))  # type: ignore[return-value]
 
     @cached_property
     def _models(self) -> Mapping[str, Any]:
@@ -223,9 +229,9 @@ def _json(file: Path) -> Mapping[str, Any]:
     if file.stat().st_size > _LARGEST:
         raise ValueError(f"{file} has {file.stat().st_size:,} bytes, more than {_LARGEST:,}")
     try:
-        told = json.loads(file.read_text(encoding="utf-8"))
+        content = json.loads(file.read_text(encoding="utf-8"))
     except (ValueError, RecursionError) as error:
         raise ValueError(f"{file} is no JSON file: {error}") from None
-    if not isinstance(told, dict):
-        raise ValueError(f"{file} must hold an object of JSON, got {type(told).__name__}")
-    return told
+    if not isinstance(content, dict):
+        raise ValueError(f"{file} must hold an object of JSON, got {type(content).__name__}")
+    return content

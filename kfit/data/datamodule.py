@@ -18,8 +18,9 @@ from torch.utils.data import DataLoader, DistributedSampler
 from kfit.core.check import check_count, check_list, check_rising, check_text
 from kfit.data.category_files import read_category
 from kfit.data.mesh_places import MeshFile, find_mesh_files
+from kfit.data.rendered_views import build_views, settings_of
 from kfit.data.view_pairs import ViewPairs
-from kfit.data.views import Views, build_views, settings_of
+from kfit.data.views import Views
 from kfit.geometry.categories import CATEGORIES, Category
 
 LEARN = ("train", "val")
@@ -122,9 +123,9 @@ class ViewsDataModule(LightningDataModule):
         Without a stage the views of training and validation are loaded.
         """
         needed = [part for part in PARTS.get(stage, LEARN) if getattr(self, f"{part}_pairs") is None]
-        given = Views(self.views, self.num_views) if needed and self.views is not None else None
+        file = Views(self.views, self.num_views) if needed and self.views is not None else None
         for part in needed:
-            setattr(self, f"{part}_pairs", self._pairs(part, given))
+            setattr(self, f"{part}_pairs", self._pairs(part, file))
 
     def fingerprint(self) -> str:
         """16 hexadecimal digits that identify the training data: its sources and rendering, or a file's content."""
@@ -171,11 +172,11 @@ class ViewsDataModule(LightningDataModule):
         needed = sum(array.nbytes for array in held if array is not None)
         return device if 2 * needed < torch.cuda.mem_get_info(device)[0] else torch.device("cpu")
 
-    def _pairs(self, part: str, given: Views | None) -> ViewPairs:
+    def _pairs(self, part: str, file: Views | None) -> ViewPairs:
         """Pairs of views for train, val or test: of the file that was given, or rendered if they are not there."""
-        views = Views(self._build(part)) if given is None else given
+        views = Views(self._build(part)) if file is None else file
         objects = range(views.num_objects)
-        if given is not None:
+        if file is not None:
             split = views.num_objects - min(self.num_val_objects, max(1, views.num_objects // 3))
             objects = objects[: max(split, 1)] if part == "train" else objects[min(split, views.num_objects - 1) :]
         if part == "train":

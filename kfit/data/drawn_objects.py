@@ -26,7 +26,7 @@ _MANY = 1000
 
 
 class DrawnObjects(Dataset[tuple[np.ndarray, ...]]):
-    """Views of each object, as `kfit.data.views.build_views` draws and keeps them.
+    """Views of each object, as `kfit.data.build_views` draws and keeps them.
 
     Each is RGB and mask (V, S, S, 4) uint8, depth (V, S, S) relative to the object's centre, elevations and azimuths
     (V, 2) in degrees, distances (V,) in box diagonals, and extents (3,).

@@ -45,12 +45,12 @@ class HouseCat6DFrames(AnnotatedFrames):
     def __getitem__(self, index: int) -> AnnotatedFrame:
         picture = self.pictures[index]
         scene, stem = picture.parent.parent, picture.stem
-        told = load_pickle(scene / "labels" / f"{stem}_label.pkl")
+        label = load_pickle(scene / "labels" / f"{stem}_label.pkl")
         try:
             intrinsics = _intrinsics(scene / "intrinsics.txt")
             numbers = read_picture(scene / "instance" / f"{stem}.png")[..., 2]
             names = ("instance_ids", "class_ids", "rotations", "translations", "gt_scales")
-            rows = list(zip(*(np.asarray(told[name]) for name in names), strict=True))
+            rows = list(zip(*(np.asarray(label[name]) for name in names), strict=True))
             things = tuple(
                 AnnotatedObject.of(
                     int(instance), _name(int(kind)), rotation, translation, size, intrinsics, numbers == instance

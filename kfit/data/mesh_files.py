@@ -140,7 +140,7 @@ def _part(geometry: trimesh.Trimesh) -> Mesh:
     colors = np.asarray(visual.vertex_colors)[:, :3].astype(np.uint8)
     if not visual.defined:
         colors = np.full_like(colors, 180)
-    # A texel a vertex: the rasterizer interpolates coordinates, so neighbours' colours lie beside each other only by
+    # A texel a vertex: the rasterizer interpolates coordinates, so neighbours' colours lie next to each other only by
     # luck; faces therefore take the mean colour of their corners, each with a texel of its own.
     mean = colors[faces].astype(np.float32).mean(axis=1).round().astype(np.uint8)
     side = int(np.ceil(np.sqrt(len(faces))))

@@ -28,10 +28,10 @@ def measure_file(path: Path) -> None:
         return
     with path.open("rb") as file:
         length = struct.unpack("<12xI4x", file.read(20))[0] if path.suffix.lower() == ".glb" else _LARGEST_TEXT
-        said = json.loads(file.read(min(length, path.stat().st_size)))
-    nodes, values = len(said.get("nodes", [])), sum(int(one["count"]) for one in said.get("accessors", []))
-    parts = sum(len(mesh["primitives"]) for mesh in said.get("meshes", []))
-    parts += sum(len(said.get(name, [])) for name in ("materials", "textures", "images"))
+        content = json.loads(file.read(min(length, path.stat().st_size)))
+    nodes, values = len(content.get("nodes", [])), sum(int(one["count"]) for one in content.get("accessors", []))
+    parts = sum(len(mesh["primitives"]) for mesh in content.get("meshes", []))
+    parts += sum(len(content.get(name, [])) for name in ("materials", "textures", "images"))
     if parts > _MOST_NODES:
         raise ValueError(f"it has {parts:,} primitives, materials and textures, more than {_MOST_NODES:,}")
     if nodes > _MOST_NODES:

@@ -117,10 +117,10 @@ def _parts(place: str, categories: Collection[str]) -> tuple[str | None, Path, s
     """Category, path, up and front of a place."""
     if Path(place).exists():  # even if its name holds = or @
         return None, Path(place), "y", "x"
-    told = _PLACE.fullmatch(place)
-    if told is None:
+    match = _PLACE.fullmatch(place)
+    if match is None:
         raise ValueError(f"a place of meshes must be FOLDER, FOLDER@UP or CATEGORY=FOLDER@UP,FRONT, got {place!r}")
-    category, path, up, front = told.groups()
+    category, path, up, front = match.groups()
     if category is not None and category not in categories:
         known = f"those known are {', '.join(categories)}" if categories else "none is expected here"
         raise ValueError(f"{place!r} names category {category!r}; {known}")

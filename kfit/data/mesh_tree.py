@@ -92,8 +92,8 @@ class MeshTree(Resolver):
 def roots(path: Path) -> list[Path]:
     """Return the folders of a mesh, its own first."""
     folder = path.absolute().parent.resolve()
-    beside = folder.parent / "images"
-    return [folder, beside] if folder.name == "models" and beside.is_dir() and not beside.is_symlink() else [folder]
+    images = folder.parent / "images"
+    return [folder, images] if folder.name == "models" and images.is_dir() and not images.is_symlink() else [folder]
 
 
 def mesh_identities(files: Sequence[Path]) -> list[str]:

@@ -133,9 +133,9 @@ def read_frame(
         box = _box(mask)
         pose, size, visible = _match(known, class_id, box)
         if pose is None:
-            seen_depth = mask & (depth > 0)
+            depth_on_object = mask & (depth > 0)
             try:
-                pose = align(stored[seen_depth] - 0.5, points[seen_depth])
+                pose = align(stored[depth_on_object] - 0.5, points[depth_on_object])
             except ValueError:
                 pose = None
         size = model.size if size is None else size

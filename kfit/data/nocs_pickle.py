@@ -120,7 +120,7 @@ def _encode(text: str, encoding: str) -> bytes:
 
 
 # What Python's own types may be made of: no number, which would be a size, and nothing that is spelt out as text.
-_GIVEN: dict[type, tuple[type, ...]] = {
+_ARGUMENTS: dict[type, tuple[type, ...]] = {
     **dict.fromkeys((bool, int, float), (bool, int, float, str)),
     str: (str,),
     **dict.fromkeys((bytes, bytearray), (bytes, bytearray, str)),
@@ -128,10 +128,10 @@ _GIVEN: dict[type, tuple[type, ...]] = {
 }
 
 
-def _built(kind: type, *given: type) -> Callable[..., Any]:
+def _built(kind: type, *kinds: type) -> Callable[..., Any]:
     def build(*arguments: object) -> Any:
         for one in arguments:
-            if not isinstance(one, given):
+            if not isinstance(one, kinds):
                 raise _RefusedError(f"{kind.__name__} of {type(one).__name__}")
         return kind(*arguments)
 
@@ -145,7 +145,7 @@ _ALLOWED: dict[tuple[str, str], object] = {
     **{("numpy.core.multiarray".replace("core", core), "_reconstruct"): _Array for core in ("core", "_core")},
     **{("numpy.core.multiarray".replace("core", core), "scalar"): _scalar for core in ("core", "_core")},
     **{("numpy.core.numeric".replace("core", core), "_frombuffer"): _rebuilt for core in ("core", "_core")},
-    **{("builtins", kind.__name__): _built(kind, *given) for kind, given in _GIVEN.items()},
+    **{("builtins", kind.__name__): _built(kind, *kinds) for kind, kinds in _ARGUMENTS.items()},
 }
 
 

@@ -33,7 +33,7 @@ class ViewParts:
         self.count = -(-int(settings["num_objects"]) // SIZE)
         if folder.is_file():  # of a version that kept one file
             folder.unlink(missing_ok=True)
-        elif folder.is_dir() and self._told() != self.settings:
+        elif folder.is_dir() and self._saved() != self.settings:
             shutil.rmtree(folder, ignore_errors=True)
         text = json.dumps(self.settings)
         atomic_write(folder, {_SETTINGS: lambda place: place.write_text(text)})
@@ -74,7 +74,7 @@ class ViewParts:
         """Remove the folder."""
         shutil.rmtree(self.folder, ignore_errors=True)
 
-    def _told(self) -> Any:
+    def _saved(self) -> Any:
         try:
             return json.loads((self.folder / _SETTINGS).read_text())
         except (OSError, ValueError):

@@ -48,9 +48,11 @@ class Wild6DFrames(AnnotatedFrames):
 
     def __getitem__(self, index: int) -> AnnotatedFrame:
         file, number = self.index[index]
-        told, images = _annotations(file)[number], self._images(file)
+        annotation, images = _annotations(file)[number], self._images(file)
         try:
-            stored, translation, size = (np.asarray(told[name], float) for name in ("rotation", "translation", "size"))
+            stored, translation, size = (
+                np.asarray(annotation[name], float) for name in ("rotation", "translation", "size")
+            )
             # Some hold a scale, or a mirror image.
             with np.errstate(all="ignore"):  # AnnotatedObject.of refuses what is not finite
                 rotation = stored / np.cbrt(np.linalg.det(stored))
@@ -80,10 +82,10 @@ class Wild6DFrames(AnnotatedFrames):
 
 @lru_cache(maxsize=4)
 def _annotations(file: Path) -> list[dict[str, Any]]:
-    told = load_pickle(file)
-    if not isinstance(told, dict) or not isinstance(told.get("annotations"), list):
+    content = load_pickle(file)
+    if not isinstance(content, dict) or not isinstance(content.get("annotations"), list):
         raise ValueError(f"{file} holds no annotations of Wild6D: a dict with a list of annotations was expected")
-    frames: list[dict[str, Any]] = told["annotations"]
+    frames: list[dict[str, Any]] = content["annotations"]
     return frames
 
 

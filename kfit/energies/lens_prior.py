@@ -14,9 +14,9 @@ from kfit.geometry import distance_by_focal
 # Standard deviation of the logarithm of focal lengths over the photo's longer side, about a median of 1.2 (the focal
 # length that COLMAP and openMVG assume of an unknown camera): 95 % lie in [0.55, 2.6], from phones' main lenses (24 to
 # 28 mm on film: 0.7 to 0.8) to portrait lenses (85 mm: 2.4).
-FOCAL_SPREAD = 0.4
+FOCAL_SIGMA = 0.4
 # 95 % of objects are photographed from 0.2 to 2 m: median in metres, and standard deviation of the logarithm.
-DISTANCE, DISTANCE_SPREAD = 0.63, 0.58
+DISTANCE, DISTANCE_SIGMA = 0.63, 0.58
 
 
 class LensPrior(ResidualPrior):
@@ -64,5 +64,5 @@ class LensPrior(ResidualPrior):
 
     def residuals(self, value: dict[str, Tensor], prepared: Any = None) -> Tensor:
         away = self.diagonal * distance_by_focal(value["focal"] / value["scale"], self.unit_fraction)
-        lens = (value["focal"] / prepared).log() / FOCAL_SPREAD
-        return torch.stack([lens, (away / DISTANCE).log() / DISTANCE_SPREAD], 1) / 2**0.5
+        lens = (value["focal"] / prepared).log() / FOCAL_SIGMA
+        return torch.stack([lens, (away / DISTANCE).log() / DISTANCE_SIGMA], 1) / 2**0.5

@@ -20,7 +20,7 @@ from kfit.runtime.torch_file import read_torch
 # Outputs of 1 stand for a rotation of 0.3 radians, a shift of 0.1 half-widths and a log scale of 0.1.
 UNITS = (0.3, 0.3, 0.3, 0.1, 0.1, 0.1)
 # Limits of the logarithms of expected errors.
-LEAST_LOG_SPREAD, MOST_LOG_SPREAD = -6.0, 1.0
+LEAST_LOG_ERROR, MOST_LOG_ERROR = -6.0, 1.0
 
 
 class PoseRefiner(RefinerNetwork):
@@ -89,9 +89,9 @@ class PoseRefiner(RefinerNetwork):
         found = self.out(F.leaky_relu(self.hidden(self.trunk(2 * pair - 1).flatten(1)), 0.2))
         # Half precision, under autocast, is too coarse for what follows.
         found = found.to(torch.promote_types(found.dtype, torch.float32))
-        step, spread = found[:, :6] * self.units, found[:, 6:10] + self.units[[0, 0, 3, 5]].log()
-        spread = spread.clamp(LEAST_LOG_SPREAD, MOST_LOG_SPREAD)
-        return PoseUpdate(step[:, :3], step[:, 3:5], step[:, 5], spread, found[:, 10])
+        step, log_error = found[:, :6] * self.units, found[:, 6:10] + self.units[[0, 0, 3, 5]].log()
+        log_error = log_error.clamp(LEAST_LOG_ERROR, MOST_LOG_ERROR)
+        return PoseUpdate(step[:, :3], step[:, 3:5], step[:, 5], log_error, found[:, 10])
 
 
 def _state(weights: str) -> dict[str, Tensor]:

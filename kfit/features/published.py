@@ -37,14 +37,14 @@ def fill_published(network: nn.Module, url: str, megabytes: int, weights: str | 
     name = type(network).__name__
     state = _read(weights) if weights is not None else _fetch(name, url, megabytes)
     for parameter_name, parameter in network.named_parameters():
-        given = state.get(parameter_name)
-        if not isinstance(given, Tensor) or given.shape != parameter.shape:
-            came = f"of shape {tuple(given.shape)}" if isinstance(given, Tensor) else "missing"
+        tensor = state.get(parameter_name)
+        if not isinstance(tensor, Tensor) or tensor.shape != parameter.shape:
+            came = f"of shape {tuple(tensor.shape)}" if isinstance(tensor, Tensor) else "missing"
             raise ValueError(
                 f"weights: {weights or url} is not torchvision's {name}: {parameter_name} must have shape "
                 f"{tuple(parameter.shape)} and is {came}"
             )
-        parameter.data.copy_(given)
+        parameter.data.copy_(tensor)
 
 
 def _fetch(name: str, url: str, megabytes: int) -> Mapping[str, Tensor]:

@@ -93,10 +93,10 @@ def check_weights(energies: Mapping[str, Any], weights: Any, rank_weights: Any) 
     Raises:
         TypeError, ValueError: naming the weight.
     """
-    for name, given, check in (("weights", weights, _check_weight), ("rank_weights", rank_weights, check_range)):
-        if given is not None:
-            check_dict(name, given, check)
-            check_names(name, given, energies)
+    for name, values, check in (("weights", weights, _check_weight), ("rank_weights", rank_weights, check_range)):
+        if values is not None:
+            check_dict(name, values, check)
+            check_names(name, values, energies)
 
 
 def _check_weight(name: str, weight: Any) -> None:

@@ -144,17 +144,17 @@ class Objective:
                 if joint is not None and isinstance(term, Energy):
                     target = term.prepare(rows_of(observation.select(term.on), rows.picture), joint)
                 selected = self._values(term, values) if isinstance(term, Prior) else rendering.select(term.on)
-                given = (selected,) if target is None else (selected, target)
+                inputs = (selected,) if target is None else (selected, target)
                 pictures = count if isinstance(term, Prior) else count * views
                 if need == "residuals" and weight:
-                    parts = self._residuals(name, given)
+                    parts = self._residuals(name, inputs)
                     check_term(name, term, parts, pictures, residuals=True)
                     if isinstance(term, Energy):  # the mean over the views
                         parts = parts.reshape(count, views * parts.shape[1]) / views**0.5
                     residuals.append(weight**0.5 * parts)
                     terms[name] = parts.square().sum(1)
                 else:
-                    found = term(*given) if isinstance(term, Prior) else term.compare(*given)
+                    found = term(*inputs) if isinstance(term, Prior) else term.compare(*inputs)
                     check_term(name, term, found, pictures)
                     terms[name] = found if isinstance(term, Prior) else found.view(count, views).mean(1)
         overlap = missing = None
@@ -171,7 +171,7 @@ class Objective:
     def _values(prior: Prior, values: Variables) -> Any:
         return values[prior.on] if isinstance(prior.on, str) else {name: values[name] for name in prior.on}
 
-    def _residuals(self, name: str, given: tuple[Any, ...]) -> Tensor:
+    def _residuals(self, name: str, inputs: tuple[Any, ...]) -> Tensor:
         term = self.prepared.terms[name]
         if self.weights[name] < 0 or not isinstance(term, ResidualEnergy | ResidualPrior):
             squares = [n for n, t in self.prepared.terms.items() if isinstance(t, ResidualEnergy | ResidualPrior)]
@@ -179,7 +179,7 @@ class Objective:
                 f"this optimizer needs terms that are sums of squares with weights above 0; {name!r} is not one, "
                 f"those that are: {', '.join(squares) or 'none'}"
             )
-        return term.residuals(*given)
+        return term.residuals(*inputs)
 
     def _gradient(self, energy: Tensor, steps: Variables, raw: Variables, rows: RowInputs) -> Variables:
         slopes: tuple[Tensor | None, ...] = (None,) * len(steps)

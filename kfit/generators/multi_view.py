@@ -83,10 +83,10 @@ class MultiView(Generator):
                 focal = by_camera * (values["focal"] / by_camera[:, 0])[:, None]
                 cameras, inner["focal"] = with_focal(cameras, focal * self.image_size), focal.flatten()
             rotation, translation = self._pose(values, cameras[:, 0])
-            turned = poses[..., :3, :3] @ rotation[:, None]
+            rotations = poses[..., :3, :3] @ rotation[:, None]
             moved = (poses[..., :3, :3] @ translation[:, None, :, None])[..., 0] + poses[..., :3, 3]
             diagonal = values["diagonal"].repeat_interleave(views, 0)
-            inner |= self._seen(turned.flatten(0, 1), moved.flatten(0, 1), cameras.flatten(0, 1), diagonal)
+            inner |= self._in_view(rotations.flatten(0, 1), moved.flatten(0, 1), cameras.flatten(0, 1), diagonal)
         drawn: Rendering = self.generator(**inner)
         return drawn
 
@@ -99,7 +99,7 @@ class MultiView(Generator):
             azimuth, elevation, roll, shift, scale, crop, camera, values["diagonal"], self.unit_fraction
         )
 
-    def _seen(self, rotation: Tensor, translation: Tensor, camera: Tensor, diagonal: Tensor) -> dict[str, Tensor]:
+    def _in_view(self, rotation: Tensor, translation: Tensor, camera: Tensor, diagonal: Tensor) -> dict[str, Tensor]:
         """Return angles, shift and scale that draw an object at a pose: the inverse of `_pose`."""
         # Objects at the side of a camera or behind it are drawn far outside of its picture.
         z = translation[:, 2].clamp_min(1e-3)

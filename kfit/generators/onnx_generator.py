@@ -71,8 +71,8 @@ class OnnxGenerator(Generator):
         like = next(iter(values.values()))
         for name, value in values.items():
             check_shape(name, value, ("N", *self.variables[name].shape))
-        given = {name: value.detach().cpu().float().contiguous().numpy() for name, value in values.items()}
-        drawn = self.session.run(self.fields, given)
+        inputs = {name: value.detach().cpu().float().contiguous().numpy() for name, value in values.items()}
+        drawn = self.session.run(self.fields, inputs)
         return Rendering(**{n: torch.from_numpy(a).to(like) for n, a in zip(self.fields, drawn, strict=True)})
 
 

@@ -32,7 +32,7 @@ class RayMarch:
         """Draw with all samples."""
         depths, grid = self._points()
         raw = F.grid_sample(volume, grid, mode="bilinear", padding_mode="zeros", align_corners=False)
-        share = _shares(self._optical(raw[:, 3], self.step[:, None]))
+        share = _weights(self._optical(raw[:, 3], self.step[:, None]))
         mask = share.sum(1, keepdim=True)
         image = (share[:, None] * torch.sigmoid(raw[:, :3])).sum(2) + 1 - mask
         depth = (share * depths).sum(1, keepdim=True) / mask.clamp_min(1e-4)
@@ -42,7 +42,7 @@ class RayMarch:
         """Draw with the few samples whose weight, by the density without gradient, is above `MIN_SAMPLE_WEIGHT`."""
         with torch.no_grad():
             density = F.grid_sample(volume[:, 3:].contiguous(), self._points()[1], align_corners=False)
-            among = _shares(self._optical(density[:, 0], self.step[:, None]))
+            among = _weights(self._optical(density[:, 0], self.step[:, None]))
             visible = (among > MIN_SAMPLE_WEIGHT).flatten().nonzero()[:, 0]
         rows, _, height, width = among.shape
         row, pixel = visible // among[0].numel(), visible % (height * width)
@@ -53,7 +53,7 @@ class RayMarch:
         point = self.past.flatten(0, 2)[ray] + depth[:, None] * self.along.flatten(0, 2)[ray]
         raw = _sampled(volume, row, point)
         thickness = torch.zeros_like(among).flatten().index_put((visible,), self._optical(raw[3], step))
-        share = _shares(thickness.view_as(among)).flatten()[visible]
+        share = _weights(thickness.view_as(among)).flatten()[visible]
         parts = torch.cat([share * torch.sigmoid(raw[:3]), share[None], (share * depth)[None]])
         sums = parts.new_zeros(5, rows * height * width).index_add(1, ray, parts)
         colour, mask, far = sums.view(5, rows, height, width).transpose(0, 1).split([3, 1, 1], 1)
@@ -69,7 +69,7 @@ class RayMarch:
         return self.thickness * step * F.softplus(SHARPNESS * (raw + EMPTY))
 
 
-def _shares(thickness: Tensor) -> Tensor:
+def _weights(thickness: Tensor) -> Tensor:
     """Return the weights (N, K, H, W) of the samples in their pixels: the decrease of transmittance at each."""
     # The cumulative sum is a product of matrices, because `cumsum` along this axis is 10 × slower on a CPU.
     to_here = -torch.ones(2 * thickness.shape[1:2], dtype=thickness.dtype, device=thickness.device).tril()

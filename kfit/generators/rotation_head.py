@@ -100,8 +100,8 @@ class RotationHead(PoseNetwork):
     def forward(self, image: Tensor) -> Tensor:
         rows, count = len(image), self.num_rolls
         back = -self._roll(torch.arange(count, device=image.device))
-        turned = _turned(image.repeat_interleave(count, 0), back.repeat(rows))
-        roll, view = (output.unflatten(0, (rows, count)) for output in self._outputs(turned))
+        rotated = _rotated(image.repeat_interleave(count, 0), back.repeat(rows))
+        roll, view = (output.unflatten(0, (rows, count)) for output in self._outputs(rotated))
         # In the picture rotated back by bin k, the object is at roll j − k.
         bins = torch.arange(count, device=image.device)
         roll = roll.gather(2, ((bins - bins[:, None]) % count).expand(rows, -1, -1)).mean(1)
@@ -127,7 +127,7 @@ class RotationHead(PoseNetwork):
             target_view = joint.take_along_dim(drawn[..., None], 1)[:, 0].log_softmax(1)
             bins = torch.arange(self.num_rolls, device=image.device)
             shifted_roll = target_roll.gather(1, (bins + drawn) % self.num_rolls)
-            pictures = torch.cat([image, _turned(image, -self._roll(drawn[:, 0]))])
+            pictures = torch.cat([image, _rotated(image, -self._roll(drawn[:, 0]))])
         predicted_roll, predicted_view = self._outputs(pictures)
         rolls = _divergence(predicted_roll, torch.cat([target_roll, shifted_roll])).view(2, -1).mean(0)
         return rolls + _divergence(predicted_view[len(image) :], target_view)
@@ -157,7 +157,7 @@ def azimuth_bins(symmetry: Symmetry, bin_deg: float) -> Tensor:
     return _bins(-180 / turns, 180 / turns, max(1, round(360 / turns / bin_deg)))
 
 
-def _turned(image: Tensor, roll: Tensor) -> Tensor:
+def _rotated(image: Tensor, roll: Tensor) -> Tensor:
     zero, one = roll.new_zeros(len(roll), 2), torch.ones_like(roll)
     return warp(Rendering(image), roll.to(image), zero.to(image), one.to(image)).image
 

@@ -111,8 +111,8 @@ class VAE3D(Generator):
         with torch.autocast(volume.device.type, enabled=False):
             single = torch.promote_types(azimuth.dtype, torch.float32)
             azimuth, elevation = azimuth.to(single), elevation.to(single)
-            turned = turn_volume(volume, rotation_from_angles(azimuth, elevation, torch.zeros_like(azimuth)))
-        picture = F.leaky_relu(self.project(turned.flatten(1, 2).to(self.project.weight.dtype)), 0.2)
+            rotated = turn_volume(volume, rotation_from_angles(azimuth, elevation, torch.zeros_like(azimuth)))
+        picture = F.leaky_relu(self.project(rotated.flatten(1, 2).to(self.project.weight.dtype)), 0.2)
         for index, decode in enumerate(self.decode, 1 + len(self.lift)):
             picture = F.leaky_relu(self.styles[index](decode(picture), styles[index]), 0.2)
         channels = self.draw(picture)
@@ -156,7 +156,7 @@ def turn_volume(volume: Tensor, rotation: Tensor) -> Tensor:
     inside = rotation * flip[:, None] * flip
     centre = rotation.new_tensor([(size - 1) / 2 for size in reversed(volume.shape[2:])])
     matrix = torch.cat([inside, (centre - inside @ centre)[..., None]], -1)
-    turned: Tensor = warp_affine3d(
+    rotated: Tensor = warp_affine3d(
         volume.to(matrix.dtype), matrix, tuple(volume.shape[2:]), padding_mode="border", align_corners=True
     )
-    return turned
+    return rotated

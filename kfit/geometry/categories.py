@@ -10,7 +10,7 @@ from typing import Any
 from kfit.core.check import check_choice, check_count, check_list, check_names, check_range, check_rising, check_text
 from kfit.geometry.symmetry import Symmetry, check_symmetry, num_turns
 
-# A diagonal is taken to lie within this factor of the mean where a category does not say.
+# A diagonal is taken to lie within this factor of the mean where a category has no range.
 SIZE_FACTOR = 3.0
 _NAME = re.compile(r"[A-Za-z][\w-]{0,39}")
 

@@ -40,8 +40,8 @@ def rotation_from_angles(azimuth: Tensor, elevation: Tensor, roll: Tensor) -> Te
     axes = (zero, zero, roll, elevation, zero, zero, zero, azimuth, zero)
     turns = axis_angle_to_rotation_matrix(torch.stack(axes, -1).unflatten(-1, (3, 3)))
     about_z, about_x, about_y = turns.unbind(-3)
-    turned: Tensor = about_z @ about_x @ about_y
-    return turned
+    rotation: Tensor = about_z @ about_x @ about_y
+    return rotation
 
 
 def azimuth_from_released(azimuth: Angles) -> Angles:
@@ -153,8 +153,8 @@ def rotation_error(a: Tensor, b: Tensor, symmetry: Symmetry = "none") -> Tensor:
         # The half angle's tangent is ‖u − v‖ / ‖u + v‖ (Kahan), which is precise near 0 and near π.
         return 2 * torch.atan2((up_a - up_b).norm(dim=-1), (up_a + up_b).norm(dim=-1))
     if symmetry != "none":
-        turned = b[..., None, :, :] @ turns_about_y(num_turns(symmetry)).to(b)
-        return rotation_error(a[..., None, :, :], turned).amin(-1)
+        rotated = b[..., None, :, :] @ turns_about_y(num_turns(symmetry)).to(b)
+        return rotation_error(a[..., None, :, :], rotated).amin(-1)
     turn = a.mT @ b
     sine = (turn - turn.mT).flatten(-2).norm(dim=-1) / 8**0.5
     cosine = (turn.diagonal(dim1=-2, dim2=-1).sum(-1) - 1) / 2

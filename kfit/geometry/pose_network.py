@@ -98,9 +98,11 @@ class PoseNetwork(nn.Module, ABC):
         with torch.autocast(rotation.device.type, enabled=False):
             if self.symmetry == "y":
                 return 1 - rotation[:, :, 1] @ self.rotations[:, :, 1].mT
-            return torch.stack([(3 - rotation.flatten(1) @ bins.flatten(1).mT) / 2 for bins in self.turned()]).amin(0)
+            return torch.stack(
+                [(3 - rotation.flatten(1) @ bins.flatten(1).mT) / 2 for bins in self.equivalent_rotations()]
+            ).amin(0)
 
-    def turned(self) -> list[Tensor]:
+    def equivalent_rotations(self) -> list[Tensor]:
         """The bins' rotations (B, 3, 3), turned about the vertical axis by each turn that leaves the object unchanged.
 
         Where all turns do, it is the bins as they are.

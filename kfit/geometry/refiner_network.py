@@ -25,7 +25,7 @@ class PoseUpdate(NamedTuple):
             the new rotation is exp([ω]×) · R.
         shift: (N, 2) to be added to the shift, in half-widths of the picture (x right, y up).
         log_scale: (N,) to be added to the logarithm of the scale.
-        log_spread: (N, 4) logarithms of the expected absolute errors of the update: of the tilt of the object's
+        log_error: (N, 4) logarithms of the expected absolute errors of the update: of the tilt of the object's
             vertical axis and the turn about it, both in radians, of the shift, and of the log scale.
         logit: (N,) log-odds that the drawn rotation is right, before the update.
 
@@ -39,7 +39,7 @@ class PoseUpdate(NamedTuple):
     rotation: Tensor
     shift: Tensor
     log_scale: Tensor
-    log_spread: Tensor
+    log_error: Tensor
     logit: Tensor
 
 
@@ -89,8 +89,8 @@ def updated_rotation(rotation: Tensor, update: Tensor) -> Tensor:
         >>> (updated_rotation(torch.eye(3)[None], quarter)[0, :, 0] + 1).round()  # the x axis points up
         tensor([1., 2., 1.])
     """
-    turned: Tensor = axis_angle_to_rotation_matrix(update) @ rotation
-    return turned
+    rotated: Tensor = axis_angle_to_rotation_matrix(update) @ rotation
+    return rotated
 
 
 def rotation_update(rotation: Tensor, target: Tensor, symmetry: Symmetry = "none") -> Tensor:

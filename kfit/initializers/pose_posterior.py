@@ -93,7 +93,7 @@ class PosePosterior(Initializer):
             near = self.head.one_minus_cosine(rotations[peaks]) < 1 - least
             return _with_axis((near * probability) @ rotations.double()[:, :, 1])
         mean = probability.new_zeros(len(peaks), 3, 3)
-        for bins in self.head.turned():  # of a symmetric object those that lie near the peak as they are
+        for bins in self.head.equivalent_rotations():  # of a symmetric object those that lie near the peak as they are
             near = (rotations[peaks].flatten(1) @ bins.flatten(1).mT - 1) / 2 > least
             mean = mean + ((near * probability) @ bins.double().flatten(1)).unflatten(1, (3, 3))
         failed = mean.isnan().any(-1, keepdim=True).any(-2, keepdim=True)

@@ -71,12 +71,12 @@ class SphereGrid(Initializer):
         # The first free variable is divided evenly; the others step by irrational fractions of their ranges.
         lattice = [(start + 0.5) / num_starts, *((start * step) % 1.0 for step in steps)]
         share = {name: torch.zeros_like(start) for name in ranges} | dict(zip(free, lattice, strict=False))
-        given = {}
+        values = {}
         for name in self.on:
             low, high = (math.radians(angle) for angle in ranges[name])
             if name == "elevation":
                 height = math.sin(low) + (math.sin(high) - math.sin(low)) * share[name]
-                given[name] = torch.asin(height.clamp(-1, 1))
+                values[name] = torch.asin(height.clamp(-1, 1))
             else:
-                given[name] = low + (high - low) * share[name]
-        return {name: value.repeat(observation.num_problems) for name, value in given.items()}
+                values[name] = low + (high - low) * share[name]
+        return {name: value.repeat(observation.num_problems) for name, value in values.items()}

@@ -124,9 +124,9 @@ def _symmetries(model: Mapping[str, Any]) -> list[tuple[NDArray[np.float64], NDA
     for matrix in model.get("symmetries_discrete", []):
         stored = np.asarray(matrix, float).reshape(4, 4)
         found.append((stored[:3, :3], stored[:3, 3] / 1000))
-    for told in model.get("symmetries_continuous", []):
-        axis = np.asarray(told["axis"], float)
-        axis, offset = axis / np.linalg.norm(axis), np.asarray(told.get("offset", (0, 0, 0)), float) / 1000
+    for symmetry in model.get("symmetries_continuous", []):
+        axis = np.asarray(symmetry["axis"], float)
+        axis, offset = axis / np.linalg.norm(axis), np.asarray(symmetry.get("offset", (0, 0, 0)), float) / 1000
         cross = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
         turns = []
         for angle in 2 * math.pi / STEPS * np.arange(STEPS):

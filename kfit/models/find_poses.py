@@ -106,7 +106,7 @@ def pose_of(
         )
 
     answer = fitted(target, callbacks)
-    if not target.given and is_unexplained(model.card, answer):
+    if not target.chosen and is_unexplained(model.card, answer):
         parts = [fitted(smaller) for smaller in smaller_targets(target)]
         best = min(parts, key=lambda part: part.energy, default=answer)
         answer = answer if is_unexplained(model.card, best) else best

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -48,24 +49,24 @@ def pack(
     """
     if checkpoint.suffix == ".safetensors":
         networks, card = read_model(checkpoint)
-        card.accuracy, card.calibration = {}, {}
+        card = replace(card, accuracy={}, calibration={})
     elif category is None:
         networks, card = _trained(checkpoint, command)
     else:
         networks, card = released_model(checkpoint, category)
-    card.pose_weight = pose_weight
     if pose_head is not None:
-        networks["pose_head"], card.networks["pose_head"], of, trained = _head(pose_head)
+        networks["pose_head"], described, of, trained = _head(pose_head)
         if of != card.category:
             raise ValueError(f"--pose-head is of category {of}, the checkpoint of {card.category}")
-        card.training["pose_head"] = trained
-    write_model(out, networks, card)
+        with_head = {**card.networks, "pose_head": described}
+        card = replace(card, networks=with_head, training={**card.training, "pose_head": trained})
+    write_model(out, networks, replace(card, pose_weight=pose_weight))
 
 
 def _trained(path: Path, command: str | None) -> tuple[dict[str, nn.Module], Card]:
     """Return networks of a checkpoint of `lightning fit`, and a card of their training."""
     networks, saved = read_checkpoint(path)
-    model, data = saved["hyper_parameters"], _told(saved)
+    model, data = saved["hyper_parameters"], _data_settings(saved)
     category = _category_of(data["category"])
     return networks, Card(
         category=category.name,
@@ -85,7 +86,7 @@ def _trained(path: Path, command: str | None) -> tuple[dict[str, nn.Module], Car
     )
 
 
-def _head(path: Path) -> tuple[nn.Module, dict[str, Any], str, Any]:
+def _head(path: Path) -> tuple[nn.Module, Mapping[str, Any], str, Any]:
     """Return the pose head of a checkpoint or of a model: network, its entry in cards, category and training."""
     if path.suffix == ".safetensors":
         networks, card = read_model(path)
@@ -93,19 +94,19 @@ def _head(path: Path) -> tuple[nn.Module, dict[str, Any], str, Any]:
             raise ValueError(f"--pose-head: the model {path} has none")
         return networks["pose_head"], card.networks["pose_head"], card.category, card.training.get("pose_head")
     found, learned = read_checkpoint(path, ("pose_head",))
-    training_data = _told(learned)
+    training_data = _data_settings(learned)
     trained = {"data": training_data, "steps": int(learned["global_step"]), "provenance": _provenance(learned)}
     of = _category_of(training_data["category"]).name
     return found["pose_head"], learned["hyper_parameters"]["pose_head"], of, trained
 
 
-def _category_of(told: Any) -> Category:
-    """The category that a checkpoint tells, by name or by its fields."""
-    if isinstance(told, str) and told in CATEGORIES:
-        return CATEGORIES[told]
-    if not isinstance(told, Mapping):
-        raise ValueError(f"the checkpoint is of the category {str(told)[:100]!r}, of which it tells nothing else")
-    return Category.of_dict(told)
+def _category_of(saved: Any) -> Category:
+    """Return the category that a checkpoint holds by name or by its fields."""
+    if isinstance(saved, str) and saved in CATEGORIES:
+        return CATEGORIES[saved]
+    if not isinstance(saved, Mapping):
+        raise ValueError(f"the checkpoint is of the category {str(saved)[:100]!r}, which it does not describe")
+    return Category.of_dict(saved)
 
 
 def _provenance(saved: dict[str, Any]) -> dict[str, Any] | None:
@@ -123,7 +124,7 @@ def _without_folders(recipe: Any) -> Any:
     return [_without_folders(value) for value in recipe] if isinstance(recipe, list) else recipe
 
 
-def _told(saved: dict[str, Any]) -> dict[str, Any]:
+def _data_settings(saved: dict[str, Any]) -> dict[str, Any]:
     """Return a checkpoint's settings of its data, without empty ones and those of the machine."""
     data = saved["datamodule_hyper_parameters"]
     return {k: v for k, v in data.items() if not k.startswith("_") and k != "cache_dir" and v is not None}

@@ -60,11 +60,11 @@ class LearnedSteps(Optimizer):
                 refiner_input(observed["image"], observed["mask"], weight),
                 refiner_input(drawn.image, drawn.mask, weight),
             )
-            turned = angles_from_rotation(
+            angles = angles_from_rotation(
                 updated_rotation(rotation_of(evaluation.values), update.rotation.to(drawn.image))
             )
         step = {name: torch.zeros_like(value) for name, value in raw.items()}
-        for name, angle in zip(("azimuth", "elevation", "roll"), turned, strict=True):
+        for name, angle in zip(("azimuth", "elevation", "roll"), angles, strict=True):
             # The short way round.
             change = torch.remainder(angle - evaluation.values[name] + math.pi, 2 * math.pi) - math.pi
             step[name] = change / Angle.radians

@@ -151,9 +151,9 @@ def _conjugate_gradients(
 ) -> Tensor:
     """Solve (JᵀJ + damped) δ = −slopes for some rows, preconditioned by the diagonal; each row ends independently."""
     scale = diagonal + damped
-    delta, rest = torch.zeros_like(slopes), -slopes
-    toward = rest / scale
-    direction, product = toward, (rest * toward).sum(1)
+    delta, residual = torch.zeros_like(slopes), -slopes
+    toward = residual / scale
+    direction, product = toward, (residual * toward).sum(1)
     goal = TOLERANCE**2 * product
     active = torch.zeros_like(product, dtype=torch.bool).index_fill(0, rows, True) & (product > 0)
     for _ in range(MAX_ITERATIONS):
@@ -165,9 +165,9 @@ def _conjugate_gradients(
         length = torch.where(active, product / curvature.where(active, 1.0), 0.0)[:, None]
         # Not `length * direction` alone: 0 · ∞ is NaN in a row that is not finite.
         delta = torch.where(active[:, None], delta + length * direction, delta)
-        rest = torch.where(active[:, None], rest - length * image, rest)
-        toward = rest / scale
-        after = (rest * toward).sum(1)
+        residual = torch.where(active[:, None], residual - length * image, residual)
+        toward = residual / scale
+        after = (residual * toward).sum(1)
         direction = torch.where(
             active[:, None], toward + (after / product.where(active, 1.0))[:, None] * direction, 0.0
         )

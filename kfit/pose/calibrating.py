@@ -96,8 +96,9 @@ def cross_validated(features: Sequence[dict[str, float]], right: Sequence[bool])
     """Return probabilities that N ≥ 2 answers are right, each by a model of the answers of the other folds."""
     confidences = [0.0] * len(features)
     for first in range(min(FOLDS, len(features))):
-        rest = [k for k in range(len(features)) if k % FOLDS != first]
-        model = Calibration(*calibrated([features[k] for k in rest], [right[k] for k in rest]), math.inf, {}, len(rest))
+        others = [k for k in range(len(features)) if k % FOLDS != first]
+        fitted = calibrated([features[k] for k in others], [right[k] for k in others])
+        model = Calibration(*fitted, math.inf, {}, len(others))
         for k in range(first, len(features), FOLDS):
             confidences[k] = model.probability(features[k])
     return confidences

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
@@ -25,9 +26,9 @@ OF_CATEGORY = (
 LARGEST = 10_000_000
 
 
-@dataclass
+@dataclass(frozen=True)
 class Card:
-    """Description of a model, stored as JSON in the metadata of its file.
+    """Description of a model, stored as JSON in the metadata of its file; `dataclasses.replace` makes a changed one.
 
     Attributes:
         category: its name; `known` has all that the card holds of it.
@@ -55,7 +56,7 @@ class Card:
     """
 
     category: str
-    networks: dict[str, dict[str, Any]]
+    networks: Mapping[str, Mapping[str, Any]]
     distance: float
     unit_fraction: float
     elevation_deg: tuple[float, float]
@@ -69,9 +70,9 @@ class Card:
     shapes: str | None = None
     front: str | None = None
     pose_weight: float = 2.0
-    training: dict[str, Any] = field(default_factory=dict)
-    accuracy: dict[str, Any] = field(default_factory=dict)
-    calibration: dict[str, Calibration] = field(default_factory=dict)
+    training: Mapping[str, Any] = field(default_factory=dict)
+    accuracy: Mapping[str, Any] = field(default_factory=dict)
+    calibration: Mapping[str, Calibration] = field(default_factory=dict)
     format: int = FORMAT
 
     def __post_init__(self) -> None:
@@ -82,18 +83,19 @@ class Card:
         check_dict("training", self.training, _anything)
         check_dict("accuracy", self.accuracy, _anything)
         known = self.known  # which checks the fields of the category
-        self.elevation_deg, self.diagonals, self.sides = known.elevation_deg, known.diagonals, known.sides
+        for name in ("elevation_deg", "diagonals", "sides"):
+            object.__setattr__(self, name, getattr(known, name))
 
     @property
     def known(self) -> Category:
-        """The category, by what the card tells of it."""
+        """The category, as the card describes it."""
         fields = {name: getattr(self, name) for name in OF_CATEGORY}
         own = CATEGORIES.get(self.category)
         return Category(self.category, **fields, nocs_id=None if own is None else own.nocs_id)
 
     @staticmethod
     def fields_of(category: Category) -> dict[str, Any]:
-        """Fields of the card that tell of a category, but its name."""
+        """Return the fields of the card that describe a category, without its name."""
         return {name: getattr(category, name) for name in OF_CATEGORY}
 
     def to_json(self) -> str:

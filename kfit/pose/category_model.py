@@ -9,29 +9,18 @@ from typing import Any
 
 import torch
 from numpy.typing import NDArray
-from torch import Tensor, nn
+from torch import Tensor
 
-from kfit.core import (
-    Callback,
-    Encoder,
-    Energy,
-    FitError,
-    FitResult,
-    Generator,
-    Observation,
-    Rendering,
-    Variables,
-)
+from kfit.core import Callback, Energy, FitError, FitResult, Observation, Rendering, Variables
 from kfit.fitting.pipeline import FitPipeline
-from kfit.generators import ExtentsHead, RadianceField, SimilarityWarp
+from kfit.generators import RadianceField, SimilarityWarp
 from kfit.generators.drawn_fields import drawn_fields
-from kfit.geometry import PoseNetwork, to_opencv
+from kfit.geometry import to_opencv
 from kfit.geometry.pose_network import with_prediction
-from kfit.pose.card import Card
+from kfit.pose.category_networks import CategoryNetworks
 from kfit.pose.covariance import pose_covariance
 from kfit.pose.default_fit import default_fit
 from kfit.pose.defaults import default_energies
-from kfit.pose.hub_model import HubModel
 from kfit.pose.hypotheses import fitted_rotations, hypotheses_of
 from kfit.pose.interpretation import interpret
 from kfit.pose.observed_object import ObservedObject
@@ -42,7 +31,7 @@ from kfit.runtime.devices import safe_after_fork
 from kfit.segmentation import Segmenter
 
 
-class CategoryModel(HubModel):
+class CategoryModel(CategoryNetworks):
     """The networks of one category, and the fit that explains photos with them.
 
     Args:
@@ -61,34 +50,6 @@ class CategoryModel(HubModel):
         >>> model.pose(image, mask=mask, pipeline=short).rotation.shape
         (3, 3)
     """
-
-    def __init__(
-        self,
-        generator: Generator,
-        encoder: Encoder,
-        extents: ExtentsHead,
-        card: Card,
-        pose_head: PoseNetwork | None = None,
-    ) -> None:
-        self.generator, self.encoder, self.extents, self.card = generator, encoder, extents, card
-        self.pose_head = pose_head
-
-    @property
-    def device(self) -> torch.device:
-        """Device of its networks."""
-        return next(self.encoder.parameters()).device
-
-    def to(self, device: str | torch.device) -> CategoryModel:
-        """Move its networks to a device, on which its fits then run; returns itself."""
-        for network in self.networks.values():
-            network.to(device)
-        return self
-
-    @property
-    def networks(self) -> dict[str, nn.Module]:
-        """Its networks by their names in the card, as `kfit.models.write_model` takes them."""
-        networks = {"generator": self.generator, "encoder": self.encoder, "extents": self.extents}
-        return networks if self.pose_head is None else networks | {"pose_head": self.pose_head}
 
     def pipeline(
         self,

@@ -18,7 +18,7 @@ MOST_OFF_AXIS_DEG = 75.0
 OFF_CENTRE, ALIKE = 0.15, 0.03
 
 
-def check_intrinsics(intrinsics: Tensor, width: int, height: int, notes: list[str], doubts: list[str]) -> None:
+def check_intrinsics(intrinsics: Tensor, width: int, height: int, notes: list[str], warnings: list[str]) -> None:
     """Refuse intrinsics that cannot belong to a photo, and report those that seem to belong to another photo.
 
     Args:
@@ -26,7 +26,7 @@ def check_intrinsics(intrinsics: Tensor, width: int, height: int, notes: list[st
         width, height: of the photo in pixels.
         notes: gets a sentence if pixels are not square, or the principal point is far from the middle, as in cropped
             photos.
-        doubts: gets a sentence if the principal point is the middle of a picture of another size.
+        warnings: gets a sentence if the principal point is the middle of a picture of another size.
 
     Raises:
         ValueError: if a focal length is outside [0.1, 1000] longer sides, one is more than twice the other, or the
@@ -60,7 +60,7 @@ def check_intrinsics(intrinsics: Tensor, width: int, height: int, notes: list[st
     if max(abs(right) / width, abs(down) / height) <= OFF_CENTRE:
         return
     if times > 0 and abs(across - along) <= ALIKE * times:
-        doubts.append(
+        warnings.append(
             f"the principal point ({x:g}, {y:g}) is the middle of a picture of {times * width:.0f} x "
             f"{times * height:.0f} pixels, the photo has {width} x {height}: intrinsics of a picture of another size "
             "must be scaled to this one's; the confidence is 50 % at most"

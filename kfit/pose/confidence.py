@@ -110,7 +110,7 @@ def confidence(
     fit: FitResult,
     found: Sequence[Alternative],
     head_share: float | None,
-    by_looks: Calibration | None = None,
+    colour_calibration: Calibration | None = None,
 ) -> tuple[float, str | None]:
     """Return an answer's confidence in [0, 1], and a sentence if it is not calibrated or the energy is unusually high.
 
@@ -123,7 +123,7 @@ def confidence(
         fit: fit of one problem.
         found: its alternatives, the answer first.
         head_share: the share of probability that a pose head gives the answer, if there is one.
-        by_looks: calibration of the model's fits without depth.
+        colour_calibration: calibration of the model's fits without depth.
     """
     share = "it is the answer's share of the starts' weight, and no probability of being right"
     if calibration is None:
@@ -131,14 +131,14 @@ def confidence(
             found[0].weight,
             f"{UNCALIBRATED}, as the model's card tells nothing of such fits: {share}",
         )
-        looks = None if by_looks is None else _looks_energy(fit, found[0].energy, by_looks)
-        if by_looks is None or looks is None:
+        colour_energy = None if colour_calibration is None else _colour_energy(fit, found[0].energy, colour_calibration)
+        if colour_calibration is None or colour_energy is None:
             return probability, warning
         # Depth seldom makes an answer worse, and a drawing that explains the picture poorly stays doubtful with it.
-        features = evidence([replace(found[0], energy=looks), *found[1:]], head_share)
-        if set(by_looks.coefficients) <= set(features):
-            probability = min(probability, by_looks.probability(features))
-        if looks > by_looks.energy_99:
+        features = evidence([replace(found[0], energy=colour_energy), *found[1:]], head_share)
+        if set(colour_calibration.coefficients) <= set(features):
+            probability = min(probability, colour_calibration.probability(features))
+        if colour_energy > colour_calibration.energy_99:
             probability = min(probability, DOUBTFUL)
             warning += (
                 f"; the drawing explains the look of the picture poorly, and it is {100 * DOUBTFUL:.0f} % at most"
@@ -157,7 +157,7 @@ def confidence(
     return probability, None
 
 
-def _looks_energy(fit: FitResult, energy: float, known: Calibration) -> float | None:
+def _colour_energy(fit: FitResult, energy: float, known: Calibration) -> float | None:
     """Return the weighted sum of a calibration's terms at the winner's ``energy``; None if the fit lacks a term."""
     history, weights, start = fit.history, known.fits["weights"], int(fit.start[0])
     if not set(weights) <= set(history.terms):

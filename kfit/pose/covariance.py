@@ -65,8 +65,8 @@ def pose_covariance(
     rotation, translation, _ = placement(fit.values, observed.crop, observed.intrinsics, card)
 
     def offsets(values: Variables, camera: Tensor = observed.intrinsics) -> Tensor:
-        turned, moved, _ = placement(values, observed.crop, camera, card)
-        return torch.cat([rotation_offset(turned, rotation, symmetry), moved - translation], 1)
+        rotations, moved, _ = placement(values, observed.crop, camera, card)
+        return torch.cat([rotation_offset(rotations, rotation, symmetry), moved - translation], 1)
 
     exact = {name: value.double() for name, value in fit.values.items()}
     derivatives = _central(lambda steps: offsets(_moved(exact, steps)), 6)
@@ -87,7 +87,7 @@ def pose_covariance(
     return symmetric
 
 
-def rotation_offset(turned: Tensor, rotation: Tensor, symmetry: Symmetry) -> Tensor:
+def rotation_offset(rotations: Tensor, rotation: Tensor, symmetry: Symmetry) -> Tensor:
     """Rotation vectors ω (N, 3) with turned = exp([ω]×) · rotation, in radians and the camera's axes.
 
     With symmetry ``"y"``, the smallest that takes one vertical axis to the other, across which it stands; with ``"y2"``
@@ -101,10 +101,10 @@ def rotation_offset(turned: Tensor, rotation: Tensor, symmetry: Symmetry) -> Ten
     if symmetry != "y":
         # Of the turns that leave the object unchanged the one that makes the vector shortest.
         turns = turns_about_y(num_turns(symmetry)).to(rotation)
-        vectors = torch.stack([rotation_matrix_to_axis_angle(turned @ turn @ rotation.mT) for turn in turns])
+        vectors = torch.stack([rotation_matrix_to_axis_angle(rotations @ turn @ rotation.mT) for turn in turns])
         shortest: Tensor = vectors.gather(0, vectors.norm(dim=2).argmin(0).view(1, -1, 1).expand(1, -1, 3))[0]
         return shortest
-    up, to = rotation[..., 1].expand_as(turned[..., 1]), turned[..., 1]
+    up, to = rotation[..., 1].expand_as(rotations[..., 1]), rotations[..., 1]
     across = torch.linalg.cross(up, to)
     sine = across.norm(dim=1, keepdim=True)
     angle = torch.atan2(sine, (up * to).sum(1, keepdim=True))
@@ -158,9 +158,16 @@ def _moved(values: Variables, steps: Tensor) -> Variables:
     turns = axis_angle_to_rotation_matrix(steps[:, :3].double())
     angles = angles_from_rotation(fitted_rotations(values) @ turns)
     like = values["scale"]
-    turned = {name: angle.to(like) for name, angle in zip(("azimuth", "elevation", "roll"), angles, strict=True)}
+    angles_by_name = {
+        name: angle.to(like) for name, angle in zip(("azimuth", "elevation", "roll"), angles, strict=True)
+    }
     steps = steps.to(like)
-    return {**rows, **turned, "shift": rows["shift"] + steps[:, 3:5], "scale": rows["scale"] * steps[:, 5].exp()}
+    return {
+        **rows,
+        **angles_by_name,
+        "shift": rows["shift"] + steps[:, 3:5],
+        "scale": rows["scale"] * steps[:, 5].exp(),
+    }
 
 
 def _zoomed(values: Variables, camera: Tensor, step: Tensor) -> tuple[Variables, Tensor]:

@@ -36,14 +36,14 @@ def find_model(name: str | Path, revision: str | None = None, offline: bool = Fa
     check_text("name", name)
     folder = Path(name)
     if folder.is_dir():
-        model, told = folder / MODEL, folder / CHECKSUM
+        model, checksum = folder / MODEL, folder / CHECKSUM
         if not model.is_file():
             raise FileNotFoundError(f"{folder} is no folder of a shared model: it has no {MODEL}")
-        if not told.is_file():
+        if not checksum.is_file():
             raise FileNotFoundError(f"{folder} has no {CHECKSUM}, by which {MODEL} is checked")
     else:
-        model, told = (_fetched(str(name), file, revision, offline) for file in (MODEL, CHECKSUM))
-    wanted = told.read_text(encoding="utf-8", errors="replace")[:64]
+        model, checksum = (_fetched(str(name), file, revision, offline) for file in (MODEL, CHECKSUM))
+    wanted = checksum.read_text(encoding="utf-8", errors="replace")[:64]
     with model.open("rb") as file:
         found = hashlib.file_digest(file, "sha256").hexdigest()
     if found != wanted:
@@ -111,7 +111,7 @@ def model_page(card: Card) -> str:
         "",
         "## Training",
         "",
-        f"- steps: {card.training.get('steps', 'not told')}, pairs: {card.training.get('pairs', 'not told')}",
+        f"- steps: {card.training.get('steps', 'unknown')}, pairs: {card.training.get('pairs', 'unknown')}",
         *(f"- {key}: {provenance[key]}" for key in ("kfit", "torch", "code", "data", "seed", "device") if provenance),
         "",
         "## Measured",

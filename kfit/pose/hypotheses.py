@@ -90,9 +90,9 @@ def alternatives(fit: FitResult, turn: Tensor, symmetry: Symmetry) -> list[Alter
     for number in range(int(cluster.max()) + 1):
         rows = (cluster == number).nonzero()[:, 0]
         best = rows[first[rows].argmin()]
-        spread = rotation_sigma_deg(rotation[rows], weight[rows], rotation[best], symmetry)
+        sigma_deg = rotation_sigma_deg(rotation[rows], weight[rows], rotation[best], symmetry)
         share = float(weight[rows].sum())
-        groups.append(Alternative(rotation[best].numpy(), float(energy[best]), share, float(spread)))
+        groups.append(Alternative(rotation[best].numpy(), float(energy[best]), share, float(sigma_deg)))
     return groups[:1] + sorted(groups[1:], key=lambda group: -group.weight)
 
 

@@ -75,26 +75,26 @@ def choose_mask(
         other = "segmenter" if box is None else "box"
         raise ValueError(f"mask and {other} were both given; use one of them to select the object")
     if mask is not None:
-        given = as_numbers("mask", mask)
-        if given.shape != pixels.shape[:2]:
-            raise ValueError(f"mask must have the photo's shape {pixels.shape[:2]}, got {given.shape}")
-        there = binary_mask(given)
+        values = as_numbers("mask", mask)
+        if values.shape != pixels.shape[:2]:
+            raise ValueError(f"mask must have the photo's shape {pixels.shape[:2]}, got {values.shape}")
+        there = binary_mask(values)
         if not there.any():
             raise ValueError("mask is empty: none of its pixels is above one half")
         return clean_mask(there)
     if alpha is not None and box is None and segmenter is None:
         return clean_mask(alpha)
     if box is not None:
-        given = as_numbers("box", box)
-        if given.shape != (4,):
-            raise ValueError(f"box must be left, top, width and height, got {given.tolist()}")
-        left, top, width, height = given.astype(float).tolist()
+        values = as_numbers("box", box)
+        if values.shape != (4,):
+            raise ValueError(f"box must be left, top, width and height, got {values.tolist()}")
+        left, top, width, height = values.astype(float).tolist()
         box = (left, top, width, height)
     if not (segmenter is None or callable(segmenter)):
         raise ValueError(f"segmenter must be an ONNX file or a Segmenter, got {type(segmenter).__name__}")
     found = (segmenter or ObjectMask())(pixels, category, box)
     clean = clean_mask(found.mask)
-    return Segment(clean.mask, found.notes + clean.notes, found.doubts + clean.doubts)
+    return Segment(clean.mask, found.notes + clean.notes, found.warnings + clean.warnings)
 
 
 def as_ignored(ignore: NDArray[Any], mask: NDArray[Any]) -> NDArray[np.float32]:
@@ -103,10 +103,10 @@ def as_ignored(ignore: NDArray[Any], mask: NDArray[Any]) -> NDArray[np.float32]:
     Raises:
         ValueError: if ``ignore`` has not the shape of the mask (H, W), or covers all of the object.
     """
-    given = as_numbers("ignore", ignore)
-    if given.shape != mask.shape:
-        raise ValueError(f"ignore must have the photo's shape {mask.shape}, got {given.shape}")
-    hidden = binary_mask(given).astype(np.float32)
+    values = as_numbers("ignore", ignore)
+    if values.shape != mask.shape:
+        raise ValueError(f"ignore must have the photo's shape {mask.shape}, got {values.shape}")
+    hidden = binary_mask(values).astype(np.float32)
     if not (mask * (1 - hidden) > 0.5).any():
         raise ValueError("ignore covers all of the object: nothing is left to fit")
     return hidden
@@ -119,10 +119,10 @@ def as_depth(depth: NDArray[Any], shape: tuple[int, ...]) -> NDArray[np.float32]
         ValueError: if it is not an array of numbers, or differs from the photo's shape.
     """
     with np.errstate(over="ignore"):  # overflow gives infinity, which is unknown depth
-        given = as_numbers("depth", depth).astype(np.float32)
-    if given.shape != shape:
-        raise ValueError(f"depth must have the photo's shape {shape}, got {given.shape}")
-    return given
+        values = as_numbers("depth", depth).astype(np.float32)
+    if values.shape != shape:
+        raise ValueError(f"depth must have the photo's shape {shape}, got {values.shape}")
+    return values
 
 
 def choose_camera(
@@ -130,7 +130,7 @@ def choose_camera(
     intrinsics: NDArray[Any] | Tensor | None,
     known: Tensor | None,
     notes: list[str],
-    doubts: list[str],
+    warnings: list[str],
 ) -> tuple[Tensor, str]:
     """Return intrinsics (3, 3) and their source: "given", "EXIF" (``known``) or "estimated".
 
@@ -139,13 +139,13 @@ def choose_camera(
     """
     height, width = pixels.shape[:2]
     if intrinsics is not None:
-        given = torch.from_numpy(as_numbers("intrinsics", intrinsics).astype(np.float64))
-        if given.shape != (3, 3) or not bool(torch.isfinite(given).all()) or min(given[0, 0], given[1, 1]) <= 0:
-            raise ValueError(f"intrinsics must be (3, 3) with focal lengths above 0, got {given.tolist()}")
-        if given[1, 0] != 0 or given[2].tolist() != [0, 0, 1]:
-            raise ValueError(f"intrinsics must have the rows (f, s, x), (0, f, y) and (0, 0, 1), got {given.tolist()}")
-        check_intrinsics(given, width, height, notes, doubts)
-        return given, "given"
+        matrix = torch.from_numpy(as_numbers("intrinsics", intrinsics).astype(np.float64))
+        if matrix.shape != (3, 3) or not bool(torch.isfinite(matrix).all()) or min(matrix[0, 0], matrix[1, 1]) <= 0:
+            raise ValueError(f"intrinsics must be (3, 3) with focal lengths above 0, got {matrix.tolist()}")
+        if matrix[1, 0] != 0 or matrix[2].tolist() != [0, 0, 1]:
+            raise ValueError(f"intrinsics must have the rows (f, s, x), (0, f, y) and (0, 0, 1), got {matrix.tolist()}")
+        check_intrinsics(matrix, width, height, notes, warnings)
+        return matrix, "given"
     if known is not None:
         return known, "EXIF"
     return intrinsics_from_fov(width, height, UNKNOWN_FOV_DEG), "estimated"

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from kfit.core import FitResult, Rendering, Variables
-from kfit.energies.lens_prior import DISTANCE_SPREAD, FOCAL_SPREAD
+from kfit.energies.lens_prior import DISTANCE_SIGMA, FOCAL_SIGMA
 from kfit.generators.surface import Surface
 from kfit.geometry import Category, with_focal
 from kfit.pose.confidence import DOUBTFUL
@@ -25,7 +25,7 @@ from kfit.pose.result import PoseResult
 FOCAL_LOG_SD = {
     "given": 0.0,
     "EXIF": 0.03,
-    "estimated": (FOCAL_SPREAD**-2 + DISTANCE_SPREAD**-2) ** -0.5,
+    "estimated": (FOCAL_SIGMA**-2 + DISTANCE_SIGMA**-2) ** -0.5,
 }
 
 
@@ -59,8 +59,8 @@ def interpret(
         if "focal" in fit.values:
             camera = with_focal(camera, fit.values["focal"][0].double() * observed.crop.side)
         notes.append(_lens_note(camera, max(observed.image.shape[:2])))
-    size_doubt = wrong_size(category, float(size.norm())) if "distance" in fit.values else None
-    most = DOUBTFUL if observed.doubtful or size_doubt is not None else 1.0
+    size_warning = wrong_size(category, float(size.norm())) if "distance" in fit.values else None
+    most = DOUBTFUL if observed.doubtful or size_warning is not None else 1.0
     rows, columns = (np.flatnonzero((observed.mask > 0.5).any(axis)) for axis in (1, 0))
     left, top = int(columns[0]), int(rows[0])
     return PoseResult(
@@ -82,7 +82,7 @@ def interpret(
         focal_log_sd=FOCAL_LOG_SD[observed.intrinsics_from],
         notes=[
             *notes,
-            *(note for note in (size_doubt, hypotheses.warning, hypotheses.ambiguity) if note is not None),
+            *(note for note in (size_warning, hypotheses.warning, hypotheses.ambiguity) if note is not None),
         ],
         image=observed.image,
         mask=observed.mask,

@@ -52,7 +52,7 @@ def object_depth(
         category: category of the object.
 
     Returns:
-        (H, W) with NaN where the object's depth is unknown; notes; and doubts, which limit the confidence to 50 %.
+        (H, W) with NaN where the object's depth is unknown; notes; and warnings, which limit the confidence to 50 %.
 
     Raises:
         ValueError: if no depth on the mask is known, or it makes the object far larger or smaller than its category.

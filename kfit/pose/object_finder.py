@@ -35,8 +35,8 @@ LEAST_SIDE, LEAST_SHARE = 12, 0.03
 SILENT, DETECTOR_WEIGHT, LIVING_WEIGHT = 0.1, 0.5, 1.0
 # An object is reported above this probability of its category, and above this product of it with the box's score. If
 # there is none, one object above lower thresholds is reported as a guess.
-PROBABLE, SEEN = 0.5, 0.1
-GUESS, GUESS_SEEN = 0.25, 0.03
+PROBABLE, COVERED = 0.5, 0.1
+GUESS, GUESS_COVERED = 0.25, 0.03
 # Of several objects, each needs this fraction of the best one's product, because parts resemble the object.
 LEAST_OF_BEST = 0.2
 # A mask whose box has less IoU with the searched box shows another object.
@@ -58,14 +58,14 @@ class FoundObject(Segmenter):
         score: probability that it is of that category, in [0, 1]; None of a category that the classifier does not know.
         box: left, top, width, height in pixels: of the mask.
         segment: its mask.
-        given: whether a person or a file chose the mask, which nothing may change then.
+        chosen: whether a person or a file chose the mask, which nothing may change then.
     """
 
     category: str
     score: float | None
     box: Box
     segment: Segment
-    given: bool = False
+    chosen: bool = False
 
     @property
     def words(self) -> str:
@@ -114,9 +114,9 @@ class ObjectFinder:
         shares = self.probabilities(image, boxes, scores)[:, wanted]
         best = shares.max(1, initial=0)
         rank = best * certainty
-        for probable, seen_by in ((PROBABLE, SEEN), (GUESS, GUESS_SEEN)):
+        for probable, detected in ((PROBABLE, COVERED), (GUESS, GUESS_COVERED)):
             found: list[FoundObject] = []
-            least = max(seen_by, LEAST_OF_BEST * float(rank[best >= probable].max(initial=0)))
+            least = max(detected, LEAST_OF_BEST * float(rank[best >= probable].max(initial=0)))
             for number in np.argsort(-rank, kind="stable"):
                 if best[number] < probable or rank[number] < least:
                     continue

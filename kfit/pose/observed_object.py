@@ -20,7 +20,7 @@ from kfit.segmentation import Photo, Segmenter, load_segmenter, mask_from_alpha,
 # Notes that limit an answer's confidence.
 PLAIN = "the object has one colour: only its outline shows its pose, and the confidence is 50 % at most"
 WHOLE = "the mask covers the whole picture: there is no outline, and the confidence is 50 % at most"
-_LEAST_SPREAD = 0.01
+_LEAST_DEVIATION = 0.01
 # A pixel of the picture counts where a smaller share of it is ignored.
 MOST_IGNORED = 0.25
 
@@ -77,7 +77,7 @@ class ObservedObject:
             FileNotFoundError, ValueError: if an input cannot be used, in one sentence.
         """
         notes: list[str] = []
-        doubts: list[str] = []
+        warnings: list[str] = []
         alpha, known, camera_notes = None, None, tuple[str, ...]()
         if isinstance(image, str | Path | Photo):
             photo = image if isinstance(image, Photo) else read_photo(image)
@@ -91,8 +91,8 @@ class ObservedObject:
         hidden = None if ignore is None else as_ignored(ignore, segment.mask)
         found = segment.mask if hidden is None else segment.mask * (1 - hidden)
         notes += segment.notes
-        doubts += segment.doubts
-        camera, came_from = choose_camera(pixels, intrinsics, known, notes, doubts)
+        warnings += segment.warnings
+        camera, came_from = choose_camera(pixels, intrinsics, known, notes, warnings)
         notes += camera_notes if came_from == "EXIF" else ()
         crop = Crop.around(found, size)
         notes += [note for note in (cut_off(found), too_small(crop)) if note is not None]
@@ -101,21 +101,21 @@ class ObservedObject:
             away = as_depth(depth, found.shape)
             of_object, noted, doubted = object_depth(away, found, camera.double(), category)
             notes += noted
-            doubts += doubted
+            warnings += doubted
         observation = observed(crop, pixels, found, of_object, camera.double())
         if hidden is not None and hidden.any():
             part = crop.cut(pixels, hidden).field("mask")
             observation = replace(observation, weight=(part < MOST_IGNORED).to(part))
         if depth is not None and not bool(observation.field("depth").isfinite().any()):
             raise ValueError(f"depth is known at too few pixels of the object: none is left in its {size} x {size}")
-        doubts += [PLAIN] * _is_plain(observation) + [WHOLE] * bool((found > 0.5).all())
-        return ObservedObject(observation, pixels, found, crop, camera, came_from, (*notes, *doubts), bool(doubts))
+        warnings += [PLAIN] * _is_plain(observation) + [WHOLE] * bool((found > 0.5).all())
+        return ObservedObject(observation, pixels, found, crop, camera, came_from, (*notes, *warnings), bool(warnings))
 
 
 def _is_plain(observation: Observation) -> bool:
     """Return whether the object's colours, each in [0, 1], have a standard deviation below 0.01."""
     colors = observation.field("image")[0].flatten(1)[:, observation.field("mask")[0, 0].flatten() > 0.9]
-    return colors.shape[1] > 1 and float(colors.std(1).max()) < _LEAST_SPREAD
+    return colors.shape[1] > 1 and float(colors.std(1).max()) < _LEAST_DEVIATION
 
 
 def cut_off(mask: NDArray[Any]) -> str | None:

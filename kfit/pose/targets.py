@@ -65,9 +65,9 @@ def find_targets(
                 return found
     segment = choose_mask(photo.image, mask, box, alpha, segmenter, category or "object")
     if mask is not None:
-        segment = replace(segment, doubts=segment.doubts + _doubts(finder, photo, segment.mask))
-    given = mask is not None or (alpha is not None and box is None and segmenter is None)
-    return [replace(_classified(finder, photo, segment, category), given=given)]
+        segment = replace(segment, warnings=segment.warnings + _mask_warnings(finder, photo, segment.mask))
+    chosen = mask is not None or (alpha is not None and box is None and segmenter is None)
+    return [replace(_classified(finder, photo, segment, category), chosen=chosen)]
 
 
 def with_score(result: PoseResult, target: FoundObject) -> PoseResult:
@@ -101,11 +101,11 @@ def smaller_targets(target: FoundObject) -> list[FoundObject]:
     before, found = float((target.segment.mask > 0.5).sum()), []
     for mask in without_protrusions(target.segment.mask):
         share = 1 - float((mask > 0.5).sum()) / before
-        doubt = (
+        warning = (
             f"a part that sticks out of the mask, {100 * share:.0f} % of it, was left out because the drawing explains "
             "the rest much better; the confidence is 50 % at most"
         )
-        segment = replace(target.segment, mask=mask, doubts=(*target.segment.doubts, doubt))
+        segment = replace(target.segment, mask=mask, warnings=(*target.segment.warnings, warning))
         found.append(replace(target, box=box_of(mask), segment=segment))
     return found
 
@@ -121,7 +121,7 @@ def _detected(photo: Photo, detector: Detector) -> list[FoundObject]:
     return found
 
 
-def _doubts(finder: ObjectFinder, photo: Photo, mask: NDArray[np.float32]) -> tuple[str, ...]:
+def _mask_warnings(finder: ObjectFinder, photo: Photo, mask: NDArray[np.float32]) -> tuple[str, ...]:
     """Return sentences if a mask covers several objects, or little that is salient."""
     there = mask > 0.5
     parts = [one.segment.mask > 0.5 for one in finder.find(photo.image)]

@@ -157,15 +157,15 @@ def check_relative_poses(poses: Any, count: int) -> Tensor:
     """
     if poses is None:
         raise ValueError("several photos need relative_poses, (V, 4, 4), from the first camera to each")
-    given = torch.from_numpy(as_numbers("relative_poses", poses).astype(float))
-    check_shape("relative_poses", given, (count, 4, 4))
-    turns, eye = given[:, :3, :3], torch.eye(3, dtype=torch.float64)
+    matrices = torch.from_numpy(as_numbers("relative_poses", poses).astype(float))
+    check_shape("relative_poses", matrices, (count, 4, 4))
+    turns, eye = matrices[:, :3, :3], torch.eye(3, dtype=torch.float64)
     rigid = bool(((turns @ turns.mT - eye).abs() < 1e-3).all()) and bool((torch.linalg.det(turns) > 0).all())
-    rigid &= bool(given.isfinite().all())
-    if not rigid or not bool((given[:, 3] == given.new_tensor([0.0, 0.0, 0.0, 1.0])).all()):
+    rigid &= bool(matrices.isfinite().all())
+    if not rigid or not bool((matrices[:, 3] == matrices.new_tensor([0.0, 0.0, 0.0, 1.0])).all()):
         raise ValueError(
             "relative_poses must be rigid motions: a rotation, a translation, and a last row of 0, 0, 0, 1"
         )
-    if not torch.allclose(given[0], torch.eye(4, dtype=torch.float64), atol=1e-6):
+    if not torch.allclose(matrices[0], torch.eye(4, dtype=torch.float64), atol=1e-6):
         raise ValueError("relative_poses must begin with the identity, the first camera's own")
-    return given
+    return matrices

@@ -19,7 +19,7 @@ from kfit.optimizers import LBFGS, LevenbergMarquardt
 from kfit.registration.pair import Pair, checked_pair, pyramid_levels
 from kfit.registration.result import Registration
 from kfit.registration.stages import Stage, first_stage, motions_of, next_stage
-from kfit.registration.starts import GivenStarts
+from kfit.registration.starts import FixedStarts
 
 
 def register(
@@ -167,7 +167,7 @@ def _fit(
 def _covered(template: Template | VolumeTemplate, state: Stage) -> Tensor:
     """Return 1 where the start covers a pixel completely: a variable overlap would shrink to reduce noise."""
     first = state.starts[0]
-    assert isinstance(first, GivenStarts)
+    assert isinstance(first, FixedStarts)
     pixels = template.pixels if isinstance(template, Template) else template.voxels
     values = {name: value[:, 0] for name, value in first.values.items()}
     with torch.no_grad():

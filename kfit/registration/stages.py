@@ -14,7 +14,7 @@ from kfit.generators.motions import BENDING, Motion, pixel_grid, values_of
 from kfit.generators.volume_motions import volume_values_of
 from kfit.initializers import Constant, Previous
 from kfit.registration.pair import Pair
-from kfit.registration.starts import GivenStarts, candidate_matrices, random_motions, random_volume_matrices
+from kfit.registration.starts import FixedStarts, candidate_matrices, random_motions, random_volume_matrices
 
 NUM_RANDOM, NUM_STARTS = 61, 16
 
@@ -57,7 +57,7 @@ def first_stage(
         random = random_motions({name: value[:, 0] for name, value in values.items()}, NUM_RANDOM, seed)
         values = {name: torch.cat([value, random[name]], 1) for name, value in values.items()}
     count = next(iter(values.values())).shape[1]
-    starts = (GivenStarts(values), *_light_starts(template, None))
+    starts = (FixedStarts(values), *_light_starts(template, None))
     return Stage(kind, template, None, matrices, starts, count, min(NUM_STARTS, count))
 
 
@@ -68,16 +68,16 @@ def next_stage(state: Stage, template: Template | VolumeTemplate, kind: Motion, 
     light = _light_starts(template, result)
     moving = {name: result.values[name] for name in state.template.moving}
     if kind == state.motion and kind not in BENDING:
-        starts: Initializer = GivenStarts({name: value[:, None] for name, value in moving.items()})
+        starts: Initializer = FixedStarts({name: value[:, None] for name, value in moving.items()})
         return Stage(kind, template, None, state.candidates, (starts, *light))
     if state.motion in BENDING and isinstance(template, Template):  # more control points
         field = F.interpolate(moving["displacement"], template.control, mode="bicubic", align_corners=True)
-        return Stage(kind, template, None, state.candidates, (GivenStarts({"displacement": field[:, None]}), *light))
+        return Stage(kind, template, None, state.candidates, (FixedStarts({"displacement": field[:, None]}), *light))
     size = state.template.size
     to_full = _scaling(size, pair.size, state.candidates)
     found = to_full @ state.template.matrix(**moving) @ torch.linalg.inv(to_full)
     matrices = torch.cat([found[:, None], state.candidates], 1)
-    starts = GivenStarts(_start_values(kind, template, matrices, pair.size))
+    starts = FixedStarts(_start_values(kind, template, matrices, pair.size))
     return Stage(kind, template, None, state.candidates, (starts, *light), matrices.shape[1], min(2, matrices.shape[1]))
 
 

@@ -12,7 +12,7 @@ from kfit.core import SO3, Initializer, Observation, Variable, Variables
 from kfit.generators.volume_motions import volume_matrix_of
 
 
-class GivenStarts(Initializer):
+class FixedStarts(Initializer):
     """Start each problem at fixed values.
 
     Args:
@@ -100,8 +100,8 @@ def random_motions(values: Variables, count: int, seed: int) -> Variables:
     reach = {"roll": math.radians(30), "shift": 0.3, "scale": 0.15}
     found = {}
     for name, value in values.items():
-        spread = (2 * torch.rand(len(value), count, *value.shape[1:], generator=rng) - 1).to(value) * reach.get(name, 0)
-        found[name] = spread.exp() if name in ("scale", "stretch") else spread
+        offset = (2 * torch.rand(len(value), count, *value.shape[1:], generator=rng) - 1).to(value) * reach.get(name, 0)
+        found[name] = offset.exp() if name in ("scale", "stretch") else offset
     return found
 
 

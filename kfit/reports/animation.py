@@ -14,9 +14,9 @@ from kfit.runtime.atomic_write import atomic_write
 
 SUFFIXES = (".gif", ".mp4")
 SIDE, GAP, LINE = 256, 8, 36
-INK, FAINT, PAPER, DONE = (27, 27, 31), (107, 114, 128), (255, 255, 255), (255, 176, 0)
+INK, GREY, PAPER, DONE = (27, 27, 31), (107, 114, 128), (255, 255, 255), (255, 176, 0)
 # Steps a second, and seconds for which the last is shown.
-RATE, REST = 8, 2
+RATE, LAST_SECONDS = 8, 2
 
 
 def check_suffix(path: str | Path) -> None:
@@ -55,7 +55,7 @@ def _pictures(frames: FitFrames) -> list[Image.Image]:
         pen.text((GAP, SIDE + LINE / 2), "seen", INK, font, anchor="lm")
         pen.text((SIDE + 2 * GAP, SIDE + LINE / 2), f"step {step} of {last}", INK, font, anchor="lm")
         energy = f"energy {frames.energy[step]:.2f}"
-        pen.text((2 * SIDE, SIDE + LINE / 2), energy, FAINT, font, anchor="rm")
+        pen.text((2 * SIDE, SIDE + LINE / 2), energy, GREY, font, anchor="rm")
         pen.rectangle((0, SIDE + LINE - 4, picture.width * (step + 1) / (last + 1) - 1, SIDE + LINE - 1), DONE)
         pictures.append(picture)
     return pictures
@@ -66,11 +66,11 @@ def _panel(picture: Picture) -> Image.Image:
 
 
 def _write_gif(pictures: list[Image.Image], path: Path) -> None:
-    shown = [1000 // RATE] * (len(pictures) - 1) + [1000 * REST]
+    shown = [1000 // RATE] * (len(pictures) - 1) + [1000 * LAST_SECONDS]
     pictures[0].save(path, save_all=True, append_images=pictures[1:], duration=shown, loop=0)
 
 
 def _write_mp4(pictures: list[Image.Image], path: Path) -> None:
     with VideoFile(path, RATE) as video:
-        for picture in [*pictures, *[pictures[-1]] * (REST * RATE - 1)]:
+        for picture in [*pictures, *[pictures[-1]] * (LAST_SECONDS * RATE - 1)]:
             video.write(np.asarray(picture))

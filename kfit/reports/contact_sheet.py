@@ -23,7 +23,7 @@ PANEL, GAP, LINE = 176, 14, 26
 # border, where `draw_overlay` writes what it shows, is cut off.
 DRAWN, BORDER, WIDER = 640, 44, 1.3
 HEADINGS = ("photo", "mask", "fitted", "pose")
-INK, FAINT = (30, 30, 30), (120, 120, 120)
+INK, GREY = (30, 30, 30), (120, 120, 120)
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ def contact_sheet(entries: Sequence[SheetEntry], title: str, num_columns: int = 
     put_text(sheet, title, GAP, round(0.9 * LINE), INK, 0.75)
     for column in range(num_columns):
         for k, heading in enumerate(HEADINGS):
-            put_text(sheet, heading, GAP + column * wide + k * (PANEL + 2), top - 8, FAINT, 0.5)
+            put_text(sheet, heading, GAP + column * wide + k * (PANEL + 2), top - 8, GREY, 0.5)
     for number, entry in enumerate(entries):
         column, row = divmod(number, num_rows)
         left, upper = GAP + column * wide, top + row * high

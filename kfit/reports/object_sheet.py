@@ -8,7 +8,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from kfit.data import Light, Mesh, pose_view
-from kfit.reports.contact_sheet import FAINT, GAP, INK, LINE, PANEL, put_text
+from kfit.reports.contact_sheet import GAP, GREY, INK, LINE, PANEL, put_text
 from kfit.reports.lettering import Picture
 
 # Azimuth and elevation in degrees, by what they must show. At azimuth −90° an object's +x points towards the viewer.
@@ -48,6 +48,6 @@ def object_sheet(objects: Iterable[tuple[str, Mesh, Light]], title: str) -> Pict
     head = np.full((2 * LINE + GAP, wide, 3), 255, np.uint8)
     put_text(head, title, GAP, round(0.9 * LINE), INK, 0.6)
     for k, side in enumerate(SIDES):
-        put_text(head, side, GAP + k * (PANEL + GAP), 2 * LINE, FAINT, 0.42)
+        put_text(head, side, GAP + k * (PANEL + GAP), 2 * LINE, GREY, 0.42)
     sheet: Picture = np.concatenate([head, *rows])
     return sheet

@@ -74,7 +74,7 @@ def draw_overlay(
         if picture is not None:
             panels.append(_resized(_bytes(picture.movedim(0, -1)), side, side))
             draw_label(panels[-1], label, thick)
-    shown = _beside(photo, panels)
+    shown = _with_panels(photo, panels)
     return shown if caption is None else np.concatenate((shown, caption_strip(caption, shown.shape[1], thick)))
 
 
@@ -169,10 +169,10 @@ def _draw_pose(
     for i, j in EDGES:
         faces = [facing[k, i >> k & 1] for k in range(3) if not (i ^ j) >> k & 1]
         edges[any(faces)].append((corners[i], corners[j]))
-    faint = photo.copy()
+    dimmed = photo.copy()
     for start, end in edges[False]:
-        _line(faint, start, end, BOX, thick / 2)
-    cv2.addWeighted(faint, 0.5, photo, 0.5, 0, dst=photo)
+        _line(dimmed, start, end, BOX, thick / 2)
+    cv2.addWeighted(dimmed, 0.5, photo, 0.5, 0, dst=photo)
     for start, end in edges[True]:
         _line(photo, start, end, BOX, thick)
     tips = translation + rotation.T * 0.35 * size.norm()
@@ -199,7 +199,7 @@ def _line(picture: Picture, start: Tensor, end: Tensor, colour: Colour, thick: f
     cv2.line(picture, a, b, colour, max(1, round(thick)), cv2.LINE_AA, BITS)
 
 
-def _beside(photo: Picture, panels: list[Picture]) -> Picture:
+def _with_panels(photo: Picture, panels: list[Picture]) -> Picture:
     if not panels:
         return photo
     height = max(photo.shape[0], sum(p.shape[0] for p in panels))

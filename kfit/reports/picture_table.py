@@ -10,7 +10,7 @@ from torch import Tensor
 
 # Width of a picture, space between two and height of a line of text in inches, and pixels an inch.
 CELL, GAP, LINE, DPI = 2.0, 0.06, 0.18, 144
-FAINT = "#cccccc"
+GREY = "#cccccc"
 
 
 def picture_table(columns: Mapping[str, Tensor], rows: Sequence[str] = ()) -> Figure:
@@ -46,7 +46,7 @@ def picture_table(columns: Mapping[str, Tensor], rows: Sequence[str] = ()) -> Fi
             smooth = "bicubic" if picture.shape[-1] < CELL * DPI else "auto"
             axes.imshow(picture.movedim(0, -1).numpy(), cmap="gray", vmin=0, vmax=1, interpolation=smooth)
             axes.set(xticks=[], yticks=[])
-            axes.spines[:].set_color(FAINT)
+            axes.spines[:].set_color(GREY)
     for axes, row in zip(grid[:, 0], rows, strict=False):
         axes.set_ylabel(row, fontsize=9)
     return figure

@@ -48,13 +48,13 @@ class TrainingRun:
         for file in (table, recipe):
             if file.is_file() and file.stat().st_size > _LARGEST:
                 raise ValueError(f"{file} has {file.stat().st_size:,} bytes, more than {_LARGEST:,}")
-        told: dict[str, Any] = {}
+        settings: dict[str, Any] = {}
         if recipe.is_file():
             try:
-                told = _flat(yaml.safe_load(recipe.read_text(encoding="utf-8")))
+                settings = _flat(yaml.safe_load(recipe.read_text(encoding="utf-8")))
             except (yaml.YAMLError, UnicodeDecodeError) as error:
                 raise ValueError(f"{recipe} is no YAML file: {' '.join(str(error).split())}") from None
-        return TrainingRun(str(folder), told, _metrics(table))
+        return TrainingRun(str(folder), settings, _metrics(table))
 
     def last(self, name: str) -> float | None:
         """Return the last value of a measure; None if it was not logged."""

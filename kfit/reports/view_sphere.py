@@ -36,9 +36,11 @@ def view_sphere(result: PoseResult) -> Markup:
     that differ by such a turn.
     """
     places = [camera_angles(found.rotation, result.translation)[:2] for found in result.alternatives]
-    turned, above = places[0]
+    azimuth, above = places[0]
     # A camera at azimuth a sees the object rotated by a; this view is from the side of the answer's, and higher.
-    onlooker = rotation_from_angles(*torch.tensor([turned + 30, min(max(above, 0) / 2 + 20, 60), 0]).double().deg2rad())
+    onlooker = rotation_from_angles(
+        *torch.tensor([azimuth + 30, min(max(above, 0) / 2 + 20, 60), 0]).double().deg2rad()
+    )
     with styled():
         figure = Figure(figsize=(SIDE, SIDE))
         plot = figure.add_axes((0, 0, 1, 1))
@@ -105,11 +107,11 @@ def _object(plot: Axes, onlooker: Tensor, size: Tensor) -> None:
         plot.text(1.18 * tips[k, 0], 1.18 * tips[k, 1], name, color=colour, ha="center", va="center", weight="bold")
 
 
-def _circle(plot: Axes, onlooker: Tensor, line: Tensor, colour: str, width: float, strong: float, faint: float) -> None:
+def _circle(plot: Axes, onlooker: Tensor, line: Tensor, colour: str, width: float, strong: float, dim: float) -> None:
     """A line on the sphere, faint where it is on the far side."""
     projected = _projected(onlooker, line)
     pieces = np.stack([projected[:-1], projected[1:]], 1)
-    alpha = np.where(pieces[..., 2].mean(1) >= 0, strong, faint)
+    alpha = np.where(pieces[..., 2].mean(1) >= 0, strong, dim)
     plot.add_collection(LineCollection(list(pieces[..., :2]), colors=colour, lw=width, alpha=alpha))
 
 

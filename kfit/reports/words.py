@@ -102,7 +102,7 @@ def camera_angles(rotation: NDArray[np.float64], translation: NDArray[np.float64
 
 
 def view_words(front: str | None, rotation: NDArray[np.float64], translation: NDArray[np.float64]) -> str:
-    """Say where the camera is about the object, where the object's front is if it has one, and how far it leans."""
+    """Describe where the camera is about the object, where its front is if it has one, and how far it leans."""
     azimuth, elevation, roll = camera_angles(rotation, translation)
     words = [f"seen from {_height(elevation)}"]
     if front is not None:
@@ -116,7 +116,7 @@ def view_words(front: str | None, rotation: NDArray[np.float64], translation: ND
 
 
 def confidence_words(confidence: float, ambiguous: bool = False) -> str:
-    """Say how sure an answer is, so that a low confidence reads low."""
+    """Describe the confidence of an answer, so that a low confidence reads low."""
     # Nothing is quite certain.
     share, level = f"{min(max(100 * confidence, 1), 99):.0f} %", confidence_level(confidence, ambiguous)
     if confidence <= MEDIUM:

@@ -10,16 +10,14 @@ import os
 import platform
 import re
 import sys
-import sysconfig
 import time
-import traceback
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from kfit import __version__
+from kfit.runtime.own_part import own_part
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -217,7 +215,7 @@ def _endings(verbose: bool) -> Iterator[None]:
             log.error("%s", _on_one_line(error), exc_info=verbose)
             raise SystemExit(2) from None
         advice = "" if verbose else "; the same command with --verbose shows where it happened"
-        kind, reason, place = type(error).__name__, _on_one_line(error), _own_part(error)
+        kind, reason, place = type(error).__name__, _on_one_line(error), own_part(error)
         if place is not None:
             log.error("%s: %s: %s%s", place, kind, reason, advice, exc_info=verbose)
             raise SystemExit(1) from None
@@ -229,28 +227,6 @@ def _endings(verbose: bool) -> Iterator[None]:
             exc_info=verbose,
         )
         raise SystemExit(1) from None
-
-
-def _own_part(error: Exception) -> str | None:
-    """The innermost line of a file that is neither kfit's nor installed, where an error passed through one.
-
-    A function of such a file that was called with other arguments than it takes is named too.
-    """
-    frames = traceback.extract_tb(error.__traceback__)
-    if own := [frame for frame in frames if _is_own(frame.filename)]:
-        return f"{own[-1].filename}, line {own[-1].lineno}"
-    called = re.match(r"((?:\w+\.)*\w+)\(\) (?:takes|got|missing) ", str(error))
-    for module in list(sys.modules.values()) if called and isinstance(error, TypeError) else ():
-        file = getattr(module, "__file__", None)
-        if called and file and _is_own(file) and called[1].partition(".")[0] in vars(module):
-            return f"{file}, {called[1]}"
-    return None
-
-
-def _is_own(file: str) -> bool:
-    paths = sysconfig.get_paths()
-    installed = [str(Path(__file__).parents[1]), *(paths[name] for name in ("stdlib", "purelib", "platlib"))]
-    return not file.startswith(("<", *installed)) and "site-packages" not in file
 
 
 def _on_one_line(error: Exception) -> str:

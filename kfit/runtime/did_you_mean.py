@@ -7,6 +7,8 @@ from difflib import get_close_matches
 
 from jsonargparse import ArgumentParser
 
+from kfit.runtime.parser_parts import commands_of, options_of
+
 
 def suggestion(words: Sequence[str], top: ArgumentParser, others: Iterable[str] = ()) -> str:
     """Return " did you mean …?" for the first word that is no command or option where it stands, else "".
@@ -18,12 +20,12 @@ def suggestion(words: Sequence[str], top: ArgumentParser, others: Iterable[str] 
     """
     here, known = top, set(others)
     for word in words:
-        commands = _commands(here)
+        commands = commands_of(here)
         if word in commands:
             here, known = commands[word], set()
             continue
         if word.startswith("--"):
-            name, options = word.partition("=")[0], {name for name in here._option_string_actions if name[-1] != "+"}
+            name, options = word.partition("=")[0], {name for name in options_of(here) if name[-1] != "+"}
             if name not in options:
                 return near(name, options)
         elif commands:
@@ -37,17 +39,13 @@ def option_suggestion(message: str, words: Sequence[str], top: ArgumentParser) -
         return ""
     here = top
     for command in words:
-        here = _commands(here).get(command, here)
-    options = here._option_string_actions
+        here = commands_of(here).get(command, here)
+    options = options_of(here)
     word = message.split()[2].partition("=")[0]
     first, firsts = word.partition(".")[0], {option.partition(".")[0] for option in options}
     if first not in firsts:
         return near(first, firsts)
     return near(word, {option for option in options if not option.endswith(("+", ".help"))})
-
-
-def _commands(parser: ArgumentParser) -> dict[str, ArgumentParser]:
-    return {} if parser._subcommands_action is None else parser._subcommands_action.choices
 
 
 def near(word: str, known: Iterable[str]) -> str:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import argparse
 import textwrap
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from typing import Any
 
-from jsonargparse import ArgumentParser, DefaultHelpFormatter
+from jsonargparse import DefaultHelpFormatter
 
 FLAGS = {"false": "no", "true": "yes"}
 
@@ -45,7 +45,7 @@ class HelpPage(DefaultHelpFormatter):
         return "\n".join(f"{indent}{line}" for line in lines[:-1])
 
     def _format_action(self, action: argparse.Action) -> str:
-        if isinstance(action, argparse._SubParsersAction):  # the list of commands suffices
+        if isinstance(action.choices, dict):  # of commands, of which the list suffices
             return "".join(self._format_action(command) for command in self._iter_indented_subactions(action))
         return super()._format_action(action)
 
@@ -63,9 +63,9 @@ class HelpPage(DefaultHelpFormatter):
 
     def _get_help_string(self, action: argparse.Action) -> str:
         text = action.help or ""
-        if isinstance(action, argparse._HelpAction):
+        if "--help" in action.option_strings:
             return "show this help and exit"
-        if isinstance(action, argparse._VersionAction):
+        if "--version" in action.option_strings:
             return "show the version and exit"
         if not action.option_strings or action.default == argparse.SUPPRESS or "default" in text:
             return text
@@ -84,11 +84,3 @@ def _spelled(default: object) -> str:
     if isinstance(default, list):
         return f"[{','.join(map(str, default))}]"
     return str(default)
-
-
-def tree(parser: ArgumentParser) -> Iterator[ArgumentParser]:
-    """A parser, and those of its commands and of theirs."""
-    yield parser
-    if parser._subcommands_action is not None:
-        for below in parser._subcommands_action.choices.values():
-            yield from tree(below)

@@ -8,7 +8,7 @@ from kfit.runtime.class_paths import near_class
 
 KEY = re.compile(r'Parser key "([^"]+)"(?: element \d+)?: *(.*)')
 EXPECTED = re.compile(r"Expected an? (?:<class '([\w.]+)'>|typing\.Literal\[(.*?)\])(?:\. Got value: *(.*))?")
-GIVEN = re.compile(r"Given value: (?:NestedArg\(key='[^']*', val=)?(.*?)\)?$")
+GIVEN_VALUE = re.compile(r"Given value: (?:NestedArg\(key='[^']*', val=)?(.*?)\)?$")
 # Lines that lead to others, and what is of no use to a user.
 LEADING = (
     *("Does not validate", "Subtypes:", "Errors:", "Given value type", "Problem with given class_path"),
@@ -48,7 +48,7 @@ def _reason(message: str) -> str:
             kind = found[1] or f"one of {found[2]}".replace("'", "")
             wanted.append((depth, path, NAMES.get(kind, f"a {kind.rpartition('.')[2]}" if found[1] else kind)))
             got = found[3] if found[3] is not None else got
-        elif found := GIVEN.match(text):
+        elif found := GIVEN_VALUE.match(text):
             got = got or found[1]
         elif not text.startswith(LEADING):
             reasons.append((depth, path, text))

@@ -18,7 +18,7 @@ def read_torch(path: str | Path) -> Any:
     """Read a file of tensors in lists and dicts, onto the CPU; nothing in it is run.
 
     PyTorch's own reader with ``weights_only`` calls no function that a file names but those that rebuild tensors and a
-    few of Python's, and believes what the file says of sizes. Here a file is refused that unpacks to more than it
+    few of Python's, and trusts the sizes in the file. Here a file is refused that unpacks to more than it
     holds, as none does that PyTorch wrote.
 
     Raises:

@@ -95,11 +95,11 @@ def _without_stray_parts(mask: NDArray[np.float32]) -> Segment:
     far = gap > FAR * max(stats[main, cv2.CC_STAT_WIDTH], stats[main, cv2.CC_STAT_HEIGHT])
     dropped = (share < SPECK) | (far & (share < STRAY))
     dropped[0] = False
-    doubts: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
     if (far & ~dropped)[1:].any():
-        doubts = ("the mask has large parts far apart: is it of two objects? The confidence is 50 % at most",)
+        warnings = ("the mask has large parts far apart: is it of two objects? The confidence is 50 % at most",)
     if not dropped.any():
-        return Segment(mask, doubts=doubts)
+        return Segment(mask, warnings=warnings)
     stray = dropped[parts]
     # Soft borders go with the part that is nearer.
     to_kept, to_stray = (
@@ -110,4 +110,4 @@ def _without_stray_parts(mask: NDArray[np.float32]) -> Segment:
         f"parts of the mask that are tiny or far from the object were left out: {int(dropped.sum())}, with "
         f"{100 * area[dropped].sum() / area.sum():.2g} % of its pixels"
     )
-    return Segment(np.where(to_stray < to_kept, np.float32(0), mask), (note,), doubts)
+    return Segment(np.where(to_stray < to_kept, np.float32(0), mask), (note,), warnings)

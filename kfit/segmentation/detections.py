@@ -83,7 +83,7 @@ class Detections(Segmenter):
         index, notes = self._of(category) if box is None else self._in(box, category)
         mask = self.mask(index)
         if not mask.any():
-            raise ValueError(f"the mask of the detected {self._said([index])} is empty")
+            raise ValueError(f"the mask of the detected {self._named([index])} is empty")
         return Segment(mask, tuple(notes))
 
     def _shows(self, index: int, category: str) -> bool:
@@ -93,15 +93,15 @@ class Detections(Segmenter):
     def _of(self, category: str) -> tuple[int, list[str]]:
         there = [index for index in range(len(self.names)) if self._shows(index, category)]
         if not there:
-            others = self._said(np.argsort(-self.scores, kind="stable")[:5].tolist()) or "nothing at all"
+            others = self._named(np.argsort(-self.scores, kind="stable")[:5].tolist()) or "nothing at all"
             raise ValueError(
                 f"no {category} was detected in the photo, but {others}; use a box to select another object"
             )
         best = max(there, key=lambda index: float(self.scores[index]))
         if len(there) == 1:
             return best, []
-        others = self._said([index for index in there if index != best][:5])
-        return best, [f"the surest of {len(there)} detections was taken, {self._said([best])}, and not {others}"]
+        others = self._named([index for index in there if index != best][:5])
+        return best, [f"the surest of {len(there)} detections was taken, {self._named([best])}, and not {others}"]
 
     def _in(self, box: Box, category: str) -> tuple[int, list[str]]:
         left, top, right, bottom = clipped(box, self.shape[1], self.shape[0])
@@ -110,14 +110,14 @@ class Detections(Segmenter):
         both = (self.boxes[:, 2:] - self.boxes[:, :2]).clip(0).prod(1) + (right - left) * (bottom - top) - common
         overlap = common / both
         if not len(overlap) or overlap.max() < SAME:
-            nearest = f"; nearest is {self._said([int(overlap.argmax())])}" if (overlap > 0).any() else ""
+            nearest = f"; nearest is {self._named([int(overlap.argmax())])}" if (overlap > 0).any() else ""
             raise ValueError(f"no detection fills box {spell(box)}{nearest}")
         best = int(overlap.argmax())
         if self._shows(best, category):
             return best, []
-        return best, [f"the detector takes the object in the box for another than a {category}: {self._said([best])}"]
+        return best, [f"the detector takes the object in the box for another than a {category}: {self._named([best])}"]
 
-    def _said(self, indices: list[int]) -> str:
+    def _named(self, indices: list[int]) -> str:
         places = ["{:.0f} {:.0f} {:.0f} {:.0f}".format(*self._xywh(index)) for index in indices]
         return ", ".join(
             f"{self.names[index]!r} ({100 * self.scores[index]:.0f} %, box {place})"

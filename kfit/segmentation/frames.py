@@ -16,7 +16,7 @@ from kfit.segmentation.packet_sizes import size_change
 from kfit.segmentation.photo import LARGEST_PICTURE, Photo, read_photo
 
 PICTURES = (".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tif", ".tiff")
-USUAL_RATE = 30.0
+DEFAULT_RATE = 30.0
 """Default frame rate, in frames a second."""
 # FFmpeg reads playlists too, which name other files and addresses, and takes any text for a moving picture.
 CLIPS = "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,mpeg,mpegts,mpegvideo,m4v,flv,asf,ogg,ivf,gif,mjpeg,h264,hevc,mxf"
@@ -49,7 +49,7 @@ class Frames(ABC):
     """
 
     count: int | None = None
-    rate: float = USUAL_RATE
+    rate: float = DEFAULT_RATE
     note: str = ""
 
     @staticmethod
@@ -125,7 +125,7 @@ class Clip(Frames):
             raise ValueError(f"{path} is not a clip that can be read, is damaged, or holds no frame")
         count, rate = self._capture.get(cv2.CAP_PROP_FRAME_COUNT), self._capture.get(cv2.CAP_PROP_FPS)
         self.count = int(count) if 0 < count < 1e9 else None
-        self.rate = rate if 1 <= rate <= 1000 else USUAL_RATE
+        self.rate = rate if 1 <= rate <= 1000 else DEFAULT_RATE
 
     def __iter__(self) -> Iterator[Frame]:
         num, size = 0, self._next.shape[:2]

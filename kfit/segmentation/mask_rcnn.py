@@ -18,7 +18,7 @@ PARTS = ("boxes", "labels", "scores", "masks")
 PATCH = (28, 28)
 SHORT, LONG, STRIDE = 800, 1333, 32
 MEAN_BGR = (102.9801, 115.9465, 122.7717)
-SURE, MOST = 0.25, 100
+MIN_SCORE, MOST = 0.25, 100
 
 
 class MaskRCNN(Detector):
@@ -67,14 +67,14 @@ class MaskRCNN(Detector):
                 f"{self.network.path} gave {len(boxes)} boxes and masks of shape {masks.shape}, expected "
                 f"({len(boxes)}, 1, {size[0]}, {size[1]})"
             )
-        sure = np.flatnonzero((scores >= SURE) & np.isfinite(boxes).all(1))
-        sure = sure[np.argsort(-scores[sure], kind="stable")[:MOST]]
-        placed = fitted.to_photo(boxes[sure])
+        likely = np.flatnonzero((scores >= MIN_SCORE) & np.isfinite(boxes).all(1))
+        likely = likely[np.argsort(-scores[likely], kind="stable")[:MOST]]
+        placed = fitted.to_photo(boxes[likely])
         keep = (placed[:, 2:] > placed[:, :2]).all(1)
-        sure, placed = sure[keep], placed[keep]
-        names = [self.names.get(int(label), f"class {int(label)}") for label in labels[sure]]
-        frames = placed if self._patches else np.tile(fitted.frame, (len(sure), 1))
-        return Detections(shape, placed, scores[sure].astype(np.float64), names, masks[sure, 0], frames)
+        likely, placed = likely[keep], placed[keep]
+        names = [self.names.get(int(label), f"class {int(label)}") for label in labels[likely]]
+        frames = placed if self._patches else np.tile(fitted.frame, (len(likely), 1))
+        return Detections(shape, placed, scores[likely].astype(np.float64), names, masks[likely, 0], frames)
 
     def _fitted(self, image: NDArray[np.float32], shape: tuple[int, int]) -> Fitted:
         height, width = self.network.sides

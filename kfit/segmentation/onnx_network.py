@@ -133,8 +133,8 @@ class OnnxNetwork:
         size = f"a picture of {picture.shape[1]} x {picture.shape[0]} pixels"
         with _time_limit(LONGEST_RUN) as limit:
             try:
-                given = {source.name: values[None] if len(source.shape) == 4 else values}
-                found = self._session.run(names, given, limit)
+                arrays = {source.name: values[None] if len(source.shape) == 4 else values}
+                found = self._session.run(names, arrays, limit)
             except Exception as error:
                 if limit.terminate:
                     raise ValueError(f"{self.path} takes more than {LONGEST_RUN:g} seconds for {size}") from None

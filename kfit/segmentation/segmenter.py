@@ -20,12 +20,12 @@ class Segment:
     Attributes:
         mask: (H, W), 1 on the object and 0 elsewhere.
         notes: sentences about assumptions.
-        doubts: sentences about possible errors, which limit the answer's confidence to 50 %.
+        warnings: sentences about possible errors, which limit the answer's confidence to 50 %.
     """
 
     mask: NDArray[np.float32]
     notes: tuple[str, ...] = ()
-    doubts: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
 
 
 class Segmenter(ABC):

@@ -16,7 +16,7 @@ from kfit.segmentation.onnx_network import OnnxNetwork, Socket
 # Ultralytics' own: the size of training, the grey of margins, the thresholds of prediction.
 SIDE = 640
 GREY = (114 / 255, 114 / 255, 114 / 255)
-SURE, ALIKE = 0.25, 0.7
+MIN_SCORE, ALIKE = 0.25, 0.7
 # Suppression takes the square of the first, masks take memory by the second.
 CANDIDATES, MOST = 3000, 100
 MOST_PIXELS = 2**21
@@ -97,7 +97,7 @@ def _outputs(network: OnnxNetwork) -> tuple[Socket, Socket] | None:
 
 
 def _suppressed(rows: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any], NDArray[np.int_], NDArray[Any]]:
-    rows = rows[np.isfinite(rows).all(1) & (rows[:, 4] >= SURE)]
+    rows = rows[np.isfinite(rows).all(1) & (rows[:, 4] >= MIN_SCORE)]
     rows = rows[np.argsort(-rows[:, 4], kind="stable")[:MOST]]
     return rows[:, :4], rows[:, 4], rows[:, 5].astype(int), rows[:, 6:]
 
@@ -106,7 +106,7 @@ def _suppress(found: NDArray[Any], extra: int) -> tuple[NDArray[Any], NDArray[An
     """Return boxes, scores, classes and coefficients of anchors that no better one of their class overlaps."""
     rows = found.T
     score = rows[:, 4:-extra].max(1)
-    likely = np.flatnonzero(np.isfinite(rows).all(1) & (score >= SURE))
+    likely = np.flatnonzero(np.isfinite(rows).all(1) & (score >= MIN_SCORE))
     likely = likely[np.argsort(-score[likely], kind="stable")[:CANDIDATES]]
     rows, score = rows[likely], score[likely]
     numbers = rows[:, 4:-extra].argmax(1)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from kfit.pose.category_model import CategoryModel
 from kfit.segmentation import Photo
+from kfit.tracking.track_confidence import pose_head_of
 from kfit.tracking.tracked_pose import TrackedPose
 from kfit.tracking.tracker import Tracker
 
@@ -27,8 +28,7 @@ def track(
     likelier one of the extrapolated last pose and of the pose head's prediction for the frame; roll, shift and scale
     then follow by Gauss–Newton on this one drawing. The mask is the argument, else it is segmented around the last
     drawing's silhouette (`kfit.segmentation.mask_near`). If drawing and mask no longer overlap, or the energy has
-    doubled, the
-    frame is fitted from scratch in the box where the object is expected.
+    doubled, the frame is fitted from scratch in the box where the object is expected.
 
     Args:
         model: with a pose head.
@@ -52,11 +52,12 @@ def track(
         >>> [pose.anew for pose in poses]
         [True, False]
     """
-    given = iter(masks) if masks is not None else None
+    pose_head_of(model)  # refused before the first frame is fitted
+    remaining = iter(masks) if masks is not None else None
     tracker: Tracker | None = None
     for frame in frames:
-        mask = None if given is None else next(given, None)
-        if given is not None and mask is None:
+        mask = None if remaining is None else next(remaining, None)
+        if remaining is not None and mask is None:
             raise ValueError("masks must hold one for each frame, got fewer")
         if tracker is None:
             result = model.pose(frame, **{**first, **({} if mask is None else {"mask": mask})}, seed=seed)

@@ -12,7 +12,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from kfit.core import FitResult, Observation, Rendering, Variables, frozen
+from kfit.core import Observation, Rendering, Variables, frozen
 from kfit.core.check import check_count
 from kfit.energies import PosePrior
 from kfit.fitting.pipeline import FitPipeline
@@ -22,14 +22,13 @@ from kfit.geometry import Crop
 from kfit.initializers import Constant, PosePosterior
 from kfit.optimizers import GaussNewton
 from kfit.pose.category_model import CategoryModel
-from kfit.pose.confidence import DOUBTFUL, evidence
 from kfit.pose.defaults import default_energies
-from kfit.pose.hypotheses import alternatives, head_probability
 from kfit.pose.inputs import as_numbers, as_photo, choose_mask
 from kfit.pose.placement import placement
 from kfit.pose.result import PoseResult
 from kfit.segmentation import Photo, binary_mask, mask_in_photo, read_photo
 from kfit.tracking.fixed_rendering import LENGTHS, moved_in_plane
+from kfit.tracking.track_confidence import pose_head_of, track_confidence
 from kfit.tracking.track_quality import GOOD_OVERLAP, TrackQuality
 from kfit.tracking.tracked_pose import TrackedPose
 
@@ -73,10 +72,9 @@ class Tracker:
 
     def __init__(self, model: CategoryModel, first: PoseResult, seed: int = 0) -> None:
         check_count("track: seed", seed, 0)
-        if model.pose_head is None:
-            raise ValueError(f"track: the model of {model.card.category} has no pose head, which tracking needs")
+        head = pose_head_of(model)
         self.model, self.seed, self.num_drawn = model, seed, 0
-        self.posterior, self.prior = PosePosterior(model.pose_head), PosePrior(model.pose_head)
+        self.posterior, self.prior = PosePosterior(head), PosePrior(head)
         self.energies = default_energies()
         rotation, energy = torch.from_numpy(first.rotation), first.energy
         self._start(first, TrackQuality(model.card.known.symmetry, rotation, energy, energy))
@@ -125,7 +123,7 @@ class Tracker:
         if pixels.shape[:2] != self.last.mask.shape:
             raise ValueError(f"frame must be as large as the first, {self.last.mask.shape}, got {pixels.shape[:2]}")
         if mask is not None and not binary_mask(as_numbers("mask", mask)).any():
-            return self._unseen()
+            return self._not_found()
         if mask is not None:
             found = choose_mask(pixels, mask, None, None, None, self.model.card.category).mask
         else:
@@ -159,21 +157,7 @@ class Tracker:
         best = self.rank(observation, seed=0, starts=starts)
         self.num_drawn += 3  # both, and the winner again
         self.values = dict(best.values)
-        return float(best.energy[0]), self._confidence(best, observation)
-
-    def _confidence(self, ranked: FitResult, observation: Observation) -> float:
-        """Return the confidence by the model's calibration, from the two compared poses and the pose head."""
-        symmetry, head = self.model.card.known.symmetry, self.model.pose_head
-        log_probability = self.model.pose_log_probabilities(observation)
-        found = alternatives(ranked, torch.eye(3).double(), symmetry)
-        near = None
-        if head is not None and log_probability is not None:
-            near = head_probability(ranked, log_probability[0], head, symmetry)
-        calibration, features = self.model.card.calibration.get("RGB"), evidence(found, near)
-        if calibration is None or not set(calibration.coefficients) <= set(features):
-            return found[0].weight
-        confidence = calibration.probability(features)
-        return min(confidence, DOUBTFUL) if found[0].energy > calibration.energy_99 else confidence
+        return float(best.energy[0]), track_confidence(self.model, best, observation)
 
     def _read(self, observation: Observation) -> Variables:
         """Return the likeliest rotation of the pose head; roll is omitted if the head does not predict it."""
@@ -239,11 +223,11 @@ class Tracker:
         try:
             found = self.model.pose(pixels, box=box, intrinsics=self.camera, seed=self.seed)
         except ValueError:  # no object found in this frame
-            return self._unseen()
+            return self._not_found()
         self._start(found, self.quality.fitted_anew(found.energy))
         return self.last
 
-    def _unseen(self) -> TrackedPose:
+    def _not_found(self) -> TrackedPose:
         self.last = replace(self.last, overlap=0.0, confidence=0.0, lost=True, anew=False)
         return self.last
 

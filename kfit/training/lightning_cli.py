@@ -119,11 +119,11 @@ class _CLI(LightningCLI):
             logger = kwargs["logger"] = [table, board]
         if self.subcommand == "fit":
             callbacks = list(callbacks) if isinstance(callbacks, list) else [callbacks]
-            usual: list[Callback] = [Provenance(self._parser("fit").dump(self.config["fit"], skip_none=False))]
-            usual += [LearningRateMonitor()] if logger else []
-            usual += [PictureGrid()] if logger and isinstance(self.model, ConditionalVAE) else []
+            defaults: list[Callback] = [Provenance(self._parser("fit").dump(self.config["fit"], skip_none=False))]
+            defaults += [LearningRateMonitor()] if logger else []
+            defaults += [PictureGrid()] if logger and isinstance(self.model, ConditionalVAE) else []
             named = {type(callback) for callback in callbacks}
-            kwargs["callbacks"] = callbacks + [callback for callback in usual if type(callback) not in named]
+            kwargs["callbacks"] = callbacks + [callback for callback in defaults if type(callback) not in named]
         trainer = super().instantiate_trainer(**kwargs)
         # Those that a recipe or a strategy brings know better how they are to be written.
         if type(trainer.strategy.checkpoint_io) is TorchCheckpointIO:

@@ -102,9 +102,9 @@ class RolledCrop(NamedTuple):
         cos, sin = roll.cos()[:, None, None], roll.sin()[:, None, None]
         x, y = _pixels(mask)
         # In pixels y points down: an anticlockwise turn takes (x, y) to (x cos + y sin, −x sin + y cos).
-        turned = torch.stack([cos * x + sin * y, cos * y - sin * x])
+        rotated = torch.stack([cos * x + sin * y, cos * y - sin * x])
         there = mask[:, 0] > 0.5
-        low, high = (torch.stack([_extreme(axis, there, largest) for axis in turned], 1) for largest in (False, True))
+        low, high = (torch.stack([_extreme(axis, there, largest) for axis in rotated], 1) for largest in (False, True))
         side = MARGIN * (high - low + 1).amax(1)
         side = side if factor is None else side * factor
         centre = (low + high) / 2

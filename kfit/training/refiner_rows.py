@@ -73,11 +73,13 @@ class RefinerRows(NamedTuple):
         off = found.rotation - self.rotation
         along = (off * self.up).sum(1)
         across = (off - along[:, None] * self.up).square().sum(1).add(1e-8).sqrt()
-        spread = found.log_spread
-        tilt = across * (-spread[:, 0]).exp() + 2 * spread[:, 0]
-        turn = along.abs() * (-spread[:, 1]).exp() + spread[:, 1]
-        place = (found.shift - self.shift).square().sum(1).add(1e-8).sqrt() * (-spread[:, 2]).exp() + 2 * spread[:, 2]
-        size = (found.log_scale - self.log_scale).abs() * (-spread[:, 3]).exp() + spread[:, 3]
+        log_error = found.log_error
+        tilt = across * (-log_error[:, 0]).exp() + 2 * log_error[:, 0]
+        turn = along.abs() * (-log_error[:, 1]).exp() + log_error[:, 1]
+        place = (found.shift - self.shift).square().sum(1).add(1e-8).sqrt() * (-log_error[:, 2]).exp() + 2 * log_error[
+            :, 2
+        ]
+        size = (found.log_scale - self.log_scale).abs() * (-log_error[:, 3]).exp() + log_error[:, 3]
         right = torch.sigmoid((RIGHT_DEG - self.error.rad2deg()) / SOFT_DEG)
         turns = near * (1 - self.free_turn)
         return {

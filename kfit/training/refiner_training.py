@@ -28,7 +28,7 @@ LOGIT_WEIGHT = 2.0
 class RefinerTraining(Training):
     """Trains one refiner for all categories on drawings by frozen generators.
 
-    Each step shows views of new objects, cut out, hidden in parts and augmented as photos, beside drawings of them at
+    Each step shows views of new objects, cut out, hidden in parts and augmented as photos, with drawings of them at
     wrong poses with codes from the encoders; as many of the last step's objects at the poses to which the refiner has
     led them; and rows of earlier steps again, half of them mirrored. Batches are those of
     `kfit.data.CategoriesDataModule`; their targets are used. See ``kfit.training.refiner_rows.RefinerRows.losses``.
@@ -37,7 +37,7 @@ class RefinerTraining(Training):
         refiner: the network.
         networks: name of a category → its generator and encoder.
         crop: turns views in the plane and cuts them out.
-        photograph: augmentation that makes views look like cut-outs of photos.
+        photometric: augmentation that makes views look like cut-outs of photos.
         recolor: augmentation of the colours of photo and drawing together.
         rate: largest learning rate of AdamW; it rises over the first twentieth of the steps and falls as a cosine.
         weight_decay: weight decay of AdamW.
@@ -54,7 +54,7 @@ class RefinerTraining(Training):
         refiner: RefinerNetwork,
         networks: Callable[[str], tuple[Generator, Encoder]],
         crop: RandomCrop | None = None,
-        photograph: PhotometricAugmentation | None = None,
+        photometric: PhotometricAugmentation | None = None,
         recolor: RandomRecolor | None = None,
         rate: float = 1.5e-3,
         weight_decay: float = 1e-3,
@@ -71,7 +71,7 @@ class RefinerTraining(Training):
         self.remember(inspect.currentframe())
         self.refiner, self.rate, self.weight_decay, self.compiles = refiner, rate, weight_decay, compile
         self.crop, self.recolor = crop or RandomCrop(), recolor or RandomRecolor()
-        self.photograph, self.repeats = photograph or PhotometricAugmentation(), repeats
+        self.photometric, self.repeats = photometric or PhotometricAugmentation(), repeats
         self._networks, self._loaded = networks, dict[str, tuple[Generator, Encoder]]()
         self._memory, self._walking = RefinerMemory(memory), dict[str, Hypotheses]()
 
@@ -96,11 +96,11 @@ class RefinerTraining(Training):
             self.log(f"train/{name}", value.detach(), prog_bar=name in ("tilt", "right"))
         with torch.autocast(self.device.type, enabled=False):
             start = 0
-            for category, given in hypotheses.items():
-                count, keep = len(given.focal), len(batch[category]["azimuth"])
+            for category, samples in hypotheses.items():
+                count, keep = len(samples.focal), len(batch[category]["azimuth"])
                 update = PoseUpdate(*(tensor.detach()[start : start + count] for tensor in found))
                 chosen = torch.randperm(count, device=self.device)[:keep]
-                self._walking[category] = given.advance(update).select(chosen)
+                self._walking[category] = samples.advance(update).select(chosen)
                 start += count
         right = losses.pop("right")
         return torch.stack(list(losses.values())).sum() + LOGIT_WEIGHT * right
@@ -110,9 +110,9 @@ class RefinerTraining(Training):
         for category, views in batch.items():
             with torch.random.fork_rng([self.device] if self.device.type == "cuda" else []):
                 torch.manual_seed(0)  # the same hypotheses in each epoch
-                given = self._observed(category, views)
+                samples = self._observed(category, views)
             with torch.autocast(self.device.type, enabled=False):
-                rows = self._drawn(category, given)
+                rows = self._drawn(category, samples)
             found = self.refiner(rows.observed, rows.drawn)
             losses = rows.losses(found)
             total = torch.stack(list(losses.values())).sum() + (LOGIT_WEIGHT - 1) * losses["right"]
@@ -120,7 +120,7 @@ class RefinerTraining(Training):
                 self.log(f"{stage}/{name}", value, prog_bar=name == "loss", batch_size=len(rows.error), sync_dist=True)
             near = (rows.error.rad2deg() < REACH_DEG).nonzero()[:, 0]
             with torch.autocast(self.device.type, enabled=False):
-                after = given.advance(found).select(near)
+                after = samples.advance(found).select(near)
             self.record_rotations(after.at_rotation, after.rotation, CATEGORIES[category].symmetry)
 
     def _observed(self, category: str, views: dict[str, Tensor]) -> Hypotheses:
@@ -129,7 +129,7 @@ class RefinerTraining(Training):
         image, mask = views["target"], views["target_mask"]
         # Half precision is too coarse for rotations and the places of pixels.
         with torch.autocast(self.device.type, enabled=False):
-            image, mask = self.photograph.with_mask(image, mask)
+            image, mask = self.photometric.with_mask(image, mask)
             even = torch.rand(3, len(image), device=image.device)
             # What becomes white where something hides the object is a picture of what hides it.
             image, mask = occluded(torch.cat([image, 0 * mask], 1), mask, LARGEST_HIDDEN * even[0] * (even[1] < HIDDEN))

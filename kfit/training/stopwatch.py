@@ -79,7 +79,7 @@ class Stopwatch(Callback):
 @contextmanager
 def _silent(module: LightningModule) -> Iterator[None]:
     """Nothing is logged, which Lightning allows in training alone."""
-    vars(module).update(log=lambda *given, **named: None, log_dict=lambda *given, **named: None)
+    vars(module).update(log=lambda *args, **named: None, log_dict=lambda *args, **named: None)
     try:
         yield
     finally:

@@ -18,18 +18,18 @@ from kfit.app.serve import PREFIX, OnlySelf, remove_left
 
 def asked(**headers):
     """Status and headers that a browser gets of a server that answers everything."""
-    told = []
+    sent = []
 
     async def everything(scope, receive, send):
         await send({"type": "http.response.start", "status": 200, "headers": []})
         await send({"type": "http.response.body", "body": b"secret"})
 
     async def send(message):
-        told.append(message)
+        sent.append(message)
 
     pairs = [(name.encode(), value.encode()) for name, value in headers.items()]
     asyncio.run(OnlySelf(everything)({"type": "http", "headers": pairs}, None, send))
-    return told[0]["status"], dict(told[0]["headers"])
+    return sent[0]["status"], dict(sent[0]["headers"])
 
 
 def test_what_another_site_s_page_asks_is_refused():
@@ -104,12 +104,12 @@ def test_a_served_page_gives_out_and_takes_in_only_its_own(tmp_path):
         assert ask(address, Host="example.org")[0] == 400
         # A page says to which file an upload went; a stranger's says another.
         for place in (str(outside), "/etc/passwd"):
-            said = {"path": place, "meta": {"_type": "gradio.FileData"}, "orig_name": "a.png"}
+            data = {"path": place, "meta": {"_type": "gradio.FileData"}, "orig_name": "a.png"}
             number = next(
                 k for k, one in enumerate(json.loads(ask(f"{address}/config")[1])["dependencies"])
                 if one["api_name"] == "take"
             )  # fmt: skip
-            joined = json.dumps({"data": [said], "fn_index": number, "session_hash": "s"}).encode()
+            joined = json.dumps({"data": [data], "fn_index": number, "session_hash": "s"}).encode()
             assert ask(f"{address}/gradio_api/queue/join", joined, **{"Content-Type": "application/json"})[0] == 200
             with urllib.request.urlopen(f"{address}/gradio_api/queue/data?session_hash=s", timeout=20) as answer:
                 assert b'"success":true' not in next(line for line in answer if b"process_completed" in line)

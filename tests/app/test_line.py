@@ -47,11 +47,12 @@ def test_a_full_line_says_so():
 
 def twelve_visits(folder, monkeypatch):
     """What each of twelve visitors is shown who press Fit at once, and how many fits ran."""
-    from kfit.app import page as shown
+    from kfit.app import actions as shown
+    from kfit.app.page import page
 
     alone, begun, running = Lock(), Event(), []
 
-    def fit(self, category):
+    def fit(self, category, camera):
         assert alone.acquire(blocking=False), "two fits run at once"
         running.append(self)
         begun.wait(20)
@@ -60,23 +61,27 @@ def twelve_visits(folder, monkeypatch):
 
     monkeypatch.setattr(module, "PATIENCE", 0.01)
     monkeypatch.setattr(Session, "fit", fit)
-    monkeypatch.setattr(Session, "write", lambda self, result: (self.folder, self.folder))
-    monkeypatch.setattr(shown.views, "answered", lambda news, told: f"answer of {news.visitor.folder.name}")
-    (run,) = [fn.fn for fn in shown.page(Sessions(folder)).fns.values() if getattr(fn.fn, "__name__", "") == "run"]
-    seen = {str(k): [] for k in range(12)}
+    monkeypatch.setattr(Session, "image", None)
+    monkeypatch.setattr(Session, "write", lambda self, result, camera: {})
+    monkeypatch.setattr(shown, "scene", lambda result: {})
+    monkeypatch.setattr(shown, "scene_html", lambda result, made: "")
+    monkeypatch.setattr(shown.views, "answered", lambda result, steps: f"answer of {result.visitor.folder.name}")
+    called = [fn.fn for fn in page(Sessions(folder)).fns.values() if getattr(fn.fn, "__name__", "") == "run"]
+    run, view = called[0], called[0].__self__.parts.view
+    recorded = {str(k): [] for k in range(12)}
 
     def visit(name):
-        for first, *_ in run("mug", SimpleNamespace(session_hash=name)):
-            seen[name].append(first)
-            if "before yours" in str(first) and all(seen.values()):
+        for changes in run(name, "mug", ""):
+            recorded[name].append(str(changes.get(view, "")))
+            if "before yours" in recorded[name][-1] and all(recorded.values()):
                 begun.set()
 
-    threads = [Thread(target=visit, args=(name,), daemon=True) for name in seen]
+    threads = [Thread(target=visit, args=(name,), daemon=True) for name in recorded]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join(60)
-    return [[str(text) for text in texts] for texts in seen.values()], len(running)
+    return list(recorded.values()), len(running)
 
 
 @pytest.mark.slow

@@ -56,8 +56,8 @@ def test_the_file_alone_answers_and_the_downloads_repeat_the_answer(visit, uploa
 def test_two_models_of_one_category_are_refused(teapot, capsys):
     other = teapot.with_name("other.safetensors")
     other.write_bytes(teapot.read_bytes())
-    said = refused(["app", "--models", f"[{teapot},{other}]"], capsys)
-    assert said == f"kfit: --models must have a category each, but {teapot} and {other} are of the same one\n"
+    message = refused(["app", "--models", f"[{teapot},{other}]"], capsys)
+    assert message == f"kfit: --models must have a category each, but {teapot} and {other} are of the same one\n"
 
 
 def test_files_that_are_no_models_are_refused_before_the_page_is_there(tmp_path, capsys):

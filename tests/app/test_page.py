@@ -29,12 +29,12 @@ def served(tmp_path_factory):
     """Address of a page, and the folder in which the server keeps its files."""
     folder = tmp_path_factory.mktemp("server")
     server, port = started(folder)
-    said = []
+    lines = []
     for line in server.stderr:
-        said.append(line)
+        lines.append(line)
         if line.startswith("kfit: open"):
             break
-    assert said == [f"kfit: open http://127.0.0.1:{port}/ in a browser; Ctrl-C ends it\n"]
+    assert lines == [f"kfit: open http://127.0.0.1:{port}/ in a browser; Ctrl-C ends it\n"]
     yield f"http://127.0.0.1:{port}/", folder
     server.send_signal(signal.SIGTERM)
     assert server.wait(30) == 0
@@ -162,16 +162,16 @@ def test_a_photo_gets_a_box_and_a_mask_that_a_brush_corrects_and_a_reload_keeps_
     visit.mouse.up()
     visit.locator(".kfit-mask").wait_for()
     by_box = visit.locator(".kfit-mask").get_attribute("src")
-    visit.get_by_role("button", name="Take from it").click()
+    visit.get_by_role("button", name="Remove from it").click()
     room = stage.bounding_box()
     visit.mouse.move(room["x"] + 64 * across, room["y"] + 30 * down)
     visit.mouse.down()
     visit.mouse.move(room["x"] + 64 * across, room["y"] + 90 * down)
     visit.mouse.up()
     sync_api.expect(visit.locator(".kfit-mask")).not_to_have_attribute("src", by_box)
-    painted = visit.locator(".kfit-mask").get_attribute("src")
+    corrected = visit.locator(".kfit-mask").get_attribute("src")
     visit.reload()
-    sync_api.expect(visit.locator(".kfit-mask")).to_have_attribute("src", painted)
+    sync_api.expect(visit.locator(".kfit-mask")).to_have_attribute("src", corrected)
 
 
 def test_two_taps_draw_a_box_on_the_example_and_another_photo_can_follow(visit):

@@ -13,8 +13,8 @@ from kfit.app.uploads import LARGEST_FILE, LARGEST_PICTURE, read_upload
 
 def head_of_png(width, height):
     """A PNG that ends after saying how large it is."""
-    said = b"IHDR" + struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
-    start = b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + said + struct.pack(">I", zlib.crc32(said))
+    header = b"IHDR" + struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    start = b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + header + struct.pack(">I", zlib.crc32(header))
     return start + struct.pack(">I", 1000) + b"IDAT"
 
 

@@ -20,46 +20,46 @@ def model():
 
 
 @pytest.fixture
-def seen(drawn_mug):
+def target(drawn_mug):
     mask = (drawn_mug[..., 3] > 0).astype(np.float32)
     photo = Photo(drawn_mug[..., :3].astype(np.float32) / np.float32(255))
     return photo, FoundObject("mug", 0.3, (0, 0, 128, 128), Segment(mask, ("a note",), ("a doubt",)))
 
 
 @pytest.mark.slow
-def test_each_step_is_reported_once_and_the_answer_is_that_of_an_unwatched_fit(model, seen):
-    *told, result = watched(model, *seen)
-    assert [drawn.step for drawn in told] == list(range(17))
-    assert {drawn.num_steps for drawn in told} == {16}
-    assert [drawn.num_starts for drawn in told] == [4, 4, 4] + [2] * 14
-    energies = [drawn.energy for drawn in told]
+def test_each_step_is_reported_once_and_the_answer_is_that_of_an_unwatched_fit(model, target):
+    *steps, result = watched(model, *target)
+    assert [drawn.step for drawn in steps] == list(range(17))
+    assert {drawn.num_steps for drawn in steps} == {16}
+    assert [drawn.num_starts for drawn in steps] == [4, 4, 4] + [2] * 14
+    energies = [drawn.energy for drawn in steps]
     assert energies == sorted(energies, reverse=True)
     assert energies[-1] < energies[0]
-    unwatched = pose_of(model, *seen)
+    unwatched = pose_of(model, *target)
     assert isinstance(result, PoseResult)
     assert result.to_dict() == unwatched.to_dict()
     assert result.confidence <= 0.3
     assert {"a note", "a doubt"} <= set(result.notes)
-    assert np.abs(told[-1].drawing - result.drawing).max() < 1e-3
-    assert np.abs(told[0].drawing - result.drawing).max() > 0.05
-    assert told[-1].silhouette.max() > 0.9
-    assert told[0].crop.side == result.crop.side
+    assert np.abs(steps[-1].drawing - result.drawing).max() < 1e-3
+    assert np.abs(steps[0].drawing - result.drawing).max() > 0.05
+    assert steps[-1].silhouette.max() > 0.9
+    assert steps[0].crop.side == result.crop.side
 
 
-def test_leaving_ends_the_fit(model, seen):
+def test_leaving_ends_the_fit(model, target):
     before = threading.active_count()
-    news = watched(model, *seen)
+    news = watched(model, *target)
     assert next(news).step == 0
     news.close()
     assert threading.active_count() == before
 
 
-def test_what_goes_wrong_in_the_fit_is_raised_where_it_is_watched(model, seen, monkeypatch):
+def test_what_goes_wrong_in_the_fit_is_raised_where_it_is_watched(model, target, monkeypatch):
     class Broken(Callback):
         def on_step(self, state):
             raise FitError("every start failed")
 
-    usual = model.pipeline
-    monkeypatch.setattr(model, "pipeline", lambda **settings: usual(callbacks=[Broken()], **settings))
+    original = model.pipeline
+    monkeypatch.setattr(model, "pipeline", lambda **settings: original(callbacks=[Broken()], **settings))
     with pytest.raises(FitError, match="every start failed"):
-        list(watched(model, *seen))
+        list(watched(model, *target))

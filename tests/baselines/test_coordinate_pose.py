@@ -19,7 +19,7 @@ SHIFT = (0.5, -0.3)  # of the object from the axis, in diagonals: its rays are n
 
 
 @pytest.fixture(scope="module")
-def seen() -> dict[str, Tensor]:
+def object_view() -> dict[str, Tensor]:
     """A mug beside the axis of a photo, cut out, with its coordinates, camera and true pose."""
     mesh, light = build("mug", 5)
     world2cam, camera = standard_pose(0.6, 0.8), standard_intrinsics(200)
@@ -40,40 +40,44 @@ def seen() -> dict[str, Tensor]:
     }  # fmt: skip
 
 
-def pose(seen: dict[str, Tensor], **changes) -> tuple[Tensor, Tensor, float]:
-    return pose_of_coordinates(*({**seen, **changes}[n] for n in ("coordinates", "mask", "depth", "intrinsics")))
+def pose(object_view: dict[str, Tensor], **changes) -> tuple[Tensor, Tensor, float]:
+    return pose_of_coordinates(*({**object_view, **changes}[n] for n in ("coordinates", "mask", "depth", "intrinsics")))
 
 
-def test_the_depth_along_the_middle_s_ray_gives_the_points_that_the_rasterizer_saw(seen: dict[str, Tensor]) -> None:
+def test_the_depth_along_the_middle_s_ray_gives_the_points_that_the_rasterizer_saw(
+    object_view: dict[str, Tensor],
+) -> None:
     pixel = torch.tensor([30.0, 34.0, 1.0], dtype=torch.float64)
-    x, y, _ = (seen["to_photo"] @ pixel).round().long().tolist()
-    assert seen["mask"][34, 30] == 1
-    torch.testing.assert_close(seen["coordinates"][:, 34, 30], seen["true"][y, x].float(), atol=0.01, rtol=0)
+    x, y, _ = (object_view["to_photo"] @ pixel).round().long().tolist()
+    assert object_view["mask"][34, 30] == 1
+    torch.testing.assert_close(
+        object_view["coordinates"][:, 34, 30], object_view["true"][y, x].float(), atol=0.01, rtol=0
+    )
 
 
-def test_true_coordinates_give_the_pose_and_size(seen: dict[str, Tensor]) -> None:
-    rotation, translation, diagonal = pose(seen)
-    assert rotation_error(rotation, seen["rotation"]).rad2deg() < 0.2
-    torch.testing.assert_close(translation, seen["translation"], atol=5e-4, rtol=0)
+def test_true_coordinates_give_the_pose_and_size(object_view: dict[str, Tensor]) -> None:
+    rotation, translation, diagonal = pose(object_view)
+    assert rotation_error(rotation, object_view["rotation"]).rad2deg() < 0.2
+    torch.testing.assert_close(translation, object_view["translation"], atol=5e-4, rtol=0)
     assert diagonal == pytest.approx(DIAGONAL, rel=5e-3)
     torch.testing.assert_close(rotation @ rotation.mT, torch.eye(3, dtype=torch.float64), atol=1e-9, rtol=0)
 
 
-def test_wrong_pixels_and_unknown_depth_do_not_matter(seen: dict[str, Tensor]) -> None:
+def test_wrong_pixels_and_unknown_depth_do_not_matter(object_view: dict[str, Tensor]) -> None:
     rng = np.random.default_rng(0)
     wrong, unknown = (torch.from_numpy(rng.random((64, 64)) < 0.25) for _ in range(2))
     noise = torch.from_numpy(rng.uniform(-0.5, 0.5, (3, 64, 64))).float()
-    coordinates = seen["coordinates"].where(~wrong, noise)
-    depth = seen["depth"].masked_fill(unknown, math.nan).masked_fill(torch.rand(64, 64) < 0.1, 0.0)
-    rotation, translation, diagonal = pose(seen, coordinates=coordinates, depth=depth)
-    assert rotation_error(rotation, seen["rotation"]).rad2deg() < 2
-    torch.testing.assert_close(translation, seen["translation"], atol=5e-3, rtol=0)
+    coordinates = object_view["coordinates"].where(~wrong, noise)
+    depth = object_view["depth"].masked_fill(unknown, math.nan).masked_fill(torch.rand(64, 64) < 0.1, 0.0)
+    rotation, translation, diagonal = pose(object_view, coordinates=coordinates, depth=depth)
+    assert rotation_error(rotation, object_view["rotation"]).rad2deg() < 2
+    torch.testing.assert_close(translation, object_view["translation"], atol=5e-3, rtol=0)
     assert diagonal == pytest.approx(DIAGONAL, rel=0.03)
 
 
-def test_icp_brings_a_cloud_back_that_has_been_moved(seen: dict[str, Tensor]) -> None:
-    points = coordinate_pose._points(seen["depth"], seen["intrinsics"])
-    known = (seen["mask"] > 0.5).numpy() & np.isfinite(points).all(-1)
+def test_icp_brings_a_cloud_back_that_has_been_moved(object_view: dict[str, Tensor]) -> None:
+    points = coordinate_pose._points(object_view["depth"], object_view["intrinsics"])
+    known = (object_view["mask"] > 0.5).numpy() & np.isfinite(points).all(-1)
     turn = standard_pose(0.03, 0.05)[:3, :3]
     middle = points[known].mean(0)
     moved = (points - middle) @ turn.T + middle + [0.003, -0.002, 0.004]
@@ -83,7 +87,7 @@ def test_icp_brings_a_cloud_back_that_has_been_moved(seen: dict[str, Tensor]) ->
     assert after < 0.3 * before
 
 
-def test_icp_that_does_not_bring_clouds_closer_is_left_out(seen: dict[str, Tensor], monkeypatch) -> None:
+def test_icp_that_does_not_bring_clouds_closer_is_left_out(object_view: dict[str, Tensor], monkeypatch) -> None:
     class Astray:
         def __init__(self, *settings):
             pass
@@ -93,22 +97,22 @@ def test_icp_that_does_not_bring_clouds_closer_is_left_out(seen: dict[str, Tenso
             away[:3, 3] = 0.1
             return 0, 0.0, away
 
-    plain = pose_of_coordinates(*(seen[n] for n in ("coordinates", "mask", "depth", "intrinsics")), refine=False)
+    plain = pose_of_coordinates(*(object_view[n] for n in ("coordinates", "mask", "depth", "intrinsics")), refine=False)
     monkeypatch.setattr(coordinate_pose.cv2.ppf_match_3d, "ICP", Astray)
-    torch.testing.assert_close(pose(seen)[:2], plain[:2])
+    torch.testing.assert_close(pose(object_view)[:2], plain[:2])
 
 
-def test_too_little_depth_is_reported(seen: dict[str, Tensor]) -> None:
+def test_too_little_depth_is_reported(object_view: dict[str, Tensor]) -> None:
     with pytest.raises(ValueError, match="depth: 0 pixels of the object have it, and at least 16 are needed"):
-        pose(seen, depth=torch.full((64, 64), math.nan))
+        pose(object_view, depth=torch.full((64, 64), math.nan))
 
 
-def test_coordinates_that_fit_no_similarity_are_reported(seen: dict[str, Tensor]) -> None:
+def test_coordinates_that_fit_no_similarity_are_reported(object_view: dict[str, Tensor]) -> None:
     wild = torch.rand(3, 64, 64, generator=torch.Generator().manual_seed(0)) - 0.5
     with pytest.raises(ValueError, match="no similarity brings a tenth of"):
-        pose(seen, coordinates=wild)
+        pose(object_view, coordinates=wild)
 
 
-def test_shapes_that_do_not_fit_are_reported(seen: dict[str, Tensor]) -> None:
+def test_shapes_that_do_not_fit_are_reported(object_view: dict[str, Tensor]) -> None:
     with pytest.raises(ValueError, match=r"depth must have shape \(64, 64\), got \(1, 64, 64\)"):
-        pose(seen, depth=seen["depth"][None])
+        pose(object_view, depth=object_view["depth"][None])

@@ -30,8 +30,8 @@ def test_gives_logits_of_even_bins_for_each_axis_and_pixel() -> None:
 def test_coordinates_are_the_mean_over_the_likeliest_bin_and_its_neighbours(monkeypatch) -> None:
     regressor = CoordinateRegressor(**SMALL)
     share = torch.tensor([0.0, 0.1, 0.4, 0.2, 0.0, 0.0, 0.0, 0.3])
-    said = share.log().clamp_min(-50).view(1, 1, 8, 1, 1).expand(1, 3, 8, 2, 2)
-    monkeypatch.setattr(regressor, "forward", lambda image: said)
+    logits = share.log().clamp_min(-50).view(1, 1, 8, 1, 1).expand(1, 3, 8, 2, 2)
+    monkeypatch.setattr(regressor, "forward", lambda image: logits)
     found = regressor.coordinates(torch.rand(1, 3, 2, 2))
     # Bins 1, 2 and 3 have centres −5/16, −3/16 and −1/16; the far peak does not pull.
     expected = (0.1 * -5 / 16 + 0.4 * -3 / 16 + 0.2 * -1 / 16) / 0.7
@@ -40,12 +40,12 @@ def test_coordinates_are_the_mean_over_the_likeliest_bin_and_its_neighbours(monk
 
 def test_the_loss_is_torch_s_cross_entropy_over_the_object() -> None:
     regressor = CoordinateRegressor(**SMALL)
-    said, truth = torch.randn(2, 3, 8, 4, 4), torch.rand(2, 3, 4, 4) - 0.5
+    logits, truth = torch.randn(2, 3, 8, 4, 4), torch.rand(2, 3, 4, 4) - 0.5
     mask = (torch.rand(2, 1, 4, 4) > 0.4).float()
     bins = ((truth + 0.5) * 8).floor().long()
-    each = F.cross_entropy(said.flatten(0, 1), bins.flatten(0, 1), reduction="none").view(2, 3, 4, 4)
+    each = F.cross_entropy(logits.flatten(0, 1), bins.flatten(0, 1), reduction="none").view(2, 3, 4, 4)
     expected = torch.stack([each[n][:, mask[n, 0] > 0.5].mean() for n in range(2)])
-    torch.testing.assert_close(regressor.divergence(said, truth, mask), expected)
+    torch.testing.assert_close(regressor.divergence(logits, truth, mask), expected)
 
 
 def test_nothing_known_costs_nothing() -> None:
@@ -58,12 +58,12 @@ def test_a_free_turn_costs_nothing_where_it_is_one_for_the_whole_object() -> Non
     truth = 0.6 * (torch.rand(1, 3, 6, 6) - 0.5)
     mask = torch.ones(1, 1, 6, 6)
     turn = rotation_from_angles(torch.tensor(math.radians(120)), torch.tensor(0.0), torch.tensor(0.0))
-    turned = torch.einsum("ij,njhw->nihw", turn, truth)
+    rotated = torch.einsum("ij,njhw->nihw", turn, truth)
     free, fixed = CoordinateRegressor("y", **SMALL), CoordinateRegressor(**SMALL)
-    said = logits_for(free, turned)
-    assert free.divergence(said, truth, mask).item() < 1e-3
-    assert fixed.divergence(said, truth, mask).item() > 5
-    half = torch.cat([turned[..., :3], truth[..., 3:]], -1)
+    logits = logits_for(free, rotated)
+    assert free.divergence(logits, truth, mask).item() < 1e-3
+    assert fixed.divergence(logits, truth, mask).item() > 5
+    half = torch.cat([rotated[..., :3], truth[..., 3:]], -1)
     assert free.divergence(logits_for(free, half), truth, mask).item() > 2
 
 

@@ -33,20 +33,20 @@ def test_has_the_thirteen_convolutions_and_five_poolings_of_vgg16(regressor: Ori
 
 def test_gives_rotations_of_any_picture(regressor: OrientationRegressor) -> None:
     with torch.no_grad():
-        said = regressor(torch.rand(4, 3, 32, 32))
-    torch.testing.assert_close(said @ said.mT, torch.eye(3).expand(4, 3, 3), atol=1e-5, rtol=0)
-    torch.testing.assert_close(torch.linalg.det(said), torch.ones(4))
+        output = regressor(torch.rand(4, 3, 32, 32))
+    torch.testing.assert_close(output @ output.mT, torch.eye(3).expand(4, 3, 3), atol=1e-5, rtol=0)
+    torch.testing.assert_close(torch.linalg.det(output), torch.ones(4))
 
 
 def test_six_numbers_stand_for_the_rotation_that_gram_and_schmidt_make_of_them(regressor: OrientationRegressor) -> None:
-    said = torch.randn(1, 6)
+    raw = torch.randn(1, 6)
     regressor = OrientationRegressor(hidden_dim=4, image_size=32).eval()
     nn.init.zeros_(regressor.output[-1].weight)
-    regressor.output[-1].bias.data = said[0]
+    regressor.output[-1].bias.data = raw[0]
     with torch.no_grad():
         found = regressor(torch.rand(1, 3, 32, 32))[0]
     # QR is Gram and Schmidt's, up to signs.
-    q, r = torch.linalg.qr(said.view(2, 3).T)
+    q, r = torch.linalg.qr(raw.view(2, 3).T)
     torch.testing.assert_close(found[:, 1:], q * r.diagonal().sign())
 
 
@@ -55,16 +55,16 @@ def test_the_distance_is_one_less_the_cosine_of_the_rotation_error(symmetry: str
     regressor = OrientationRegressor(symmetry, hidden_dim=4, image_size=32)
     a, b = some_rotations(20, 1), some_rotations(20, 2)
     torch.testing.assert_close(regressor.distance(a, b), 1 - rotation_error(a, b, symmetry).cos())
-    turned = b @ rotation_from_angles(*torch.tensor([[1.0], [0.0], [0.0]], dtype=torch.float64))
-    same = torch.allclose(regressor.distance(a, b), regressor.distance(a, turned))
+    rotated = b @ rotation_from_angles(*torch.tensor([[1.0], [0.0], [0.0]], dtype=torch.float64))
+    same = torch.allclose(regressor.distance(a, b), regressor.distance(a, rotated))
     assert same == (symmetry == "y")
 
 
 def test_the_distance_has_a_slope_that_is_finite_at_the_truth() -> None:
     truth = some_rotations(1, 3)
-    said = truth.clone().requires_grad_()
-    OrientationRegressor(hidden_dim=4, image_size=32).distance(said, truth).sum().backward()
-    assert torch.equal(said.grad, torch.zeros_like(truth))
+    output = truth.clone().requires_grad_()
+    OrientationRegressor(hidden_dim=4, image_size=32).distance(output, truth).sum().backward()
+    assert torch.equal(output.grad, torch.zeros_like(truth))
 
 
 def test_starts_from_published_weights_where_they_are_given(dev_data) -> None:

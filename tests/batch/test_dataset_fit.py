@@ -79,10 +79,10 @@ def test_each_frame_gets_a_result_that_can_be_evaluated(nocs, models, tmp_path, 
     assert (results[3]["pred_RTs"][:, 2, 3] > 0).all()
     assert evaluate_nocs(results).num_truths.tolist() == [0, 1, 1, 0, 0, 4]
     assert module.counts["objects"] == 5
-    said = caplog.text
-    assert "4 of 4 images are to be fitted" in said
-    assert "5 objects in 4 images fitted into" in said
-    assert "1 camera not, for there is no model" in said
+    logged = caplog.text
+    assert "4 of 4 images are to be fitted" in logged
+    assert "5 objects in 4 images fitted into" in logged
+    assert "1 camera not, for there is no model" in logged
 
 
 @pytest.mark.slow
@@ -164,8 +164,8 @@ def test_detections_tell_objects_masks_and_scores(nocs, models, tmp_path):
     masks = np.zeros((*SHAPE, 2), np.uint8)
     masks[10:30, 12:40, 0] = masks[5:20, 50:70, 1] = 1
     boxes = np.array([[10, 12, 30, 40], [5, 50, 20, 70]])
-    said = {"pred_bboxes": boxes, "pred_class_ids": np.array([6, 2]), "pred_scores": np.array([0.75, 0.5])}
-    dump_pickle(found / "results_real_test_scene_1_0000.pkl", said | {"pred_masks": masks})
+    saved = {"pred_bboxes": boxes, "pred_class_ids": np.array([6, 2]), "pred_scores": np.array([0.75, 0.5])}
+    dump_pickle(found / "results_real_test_scene_1_0000.pkl", saved | {"pred_masks": masks})
     nothing = {"rois": np.zeros((0, 4)), "class_ids": np.zeros(0), "scores": np.zeros(0), "masks": np.zeros((0, 0, 0))}
     for name in ("results_test_scene_1_0002.pkl", "results_real_test_scene_2_0001.pkl"):
         dump_pickle(found / name, nothing)
@@ -185,12 +185,12 @@ def test_an_object_that_cannot_be_fitted_is_reported_and_the_others_are_fitted(n
     found.mkdir()
     masks = np.zeros((*SHAPE, 2), np.uint8)
     masks[10:30, 12:40, 0] = 1
-    said = {
+    saved = {
         "pred_bboxes": np.array([[10, 12, 30, 40], [5, 50, 20, 70]]), "pred_class_ids": np.array([6, 6]),
         "pred_scores": np.array([0.75, 0.5]), "pred_masks": masks,
     }  # fmt: skip
     for path in (nocs / "gts/real_test").iterdir():
-        dump_pickle(found / path.name, said)
+        dump_pickle(found / path.name, saved)
     with pytest.warns(UserWarning, match=r"a mug of results_test_scene_\w+.pkl is not fitted: mask is empty") as warned:
         module = fit(NOCSFit(nocs, "real_test", found), tmp_path / "out", models)
     assert (module.counts["objects"], module.counts["unfitted"], len(warned)) == (4, 4, 4)
@@ -246,9 +246,9 @@ def test_each_photo_with_a_mask_gets_the_answer_that_it_gets_alone(models, tmp_p
     (photos / "damaged.png").write_bytes(b"no picture")
     with pytest.warns(UserWarning, match="there will be no") as warned:
         module = fit(PhotoFolder(photos, "mug"), out, models)
-    said = "\n".join(str(warning.message) for warning in warned)
-    assert "there will be no damaged.json: " in said
-    assert "there will be no bare.json: no mask of the object: neither" in said
+    messages = "\n".join(str(warning.message) for warning in warned)
+    assert "there will be no damaged.json: " in messages
+    assert "there will be no bare.json: no mask of the object: neither" in messages
     assert (module.counts["images"], module.counts["unreadable"]) == (1, 2)
     assert set(contents(out)) == {"cup.json", "fit.json"}
     model, threads = load(models["mug"]), torch.get_num_threads()

@@ -11,12 +11,9 @@ import time
 from pathlib import Path
 
 import pytest
-import torch
 from nocs_lookalike import write_frames
+from tiny_model import write_tiny
 
-from kfit.generators import VAE3D, ConvEncoder, ExtentsHead
-from kfit.models import write_model
-from kfit.pose import Card
 from kfit.training.lightning_cli import main
 
 RECIPE = Path(__file__).parents[2] / "recipes/fit_dataset.yaml"
@@ -30,23 +27,7 @@ def place(tmp_path_factory):
     """A folder with frames of mugs in ``nocs``, and a tiny model of them."""
     place = tmp_path_factory.mktemp("place")
     write_frames(place / "nocs", [("mug", "mug")] * NUM_FRAMES)
-    sizes = {"code_dim": 4, "volume_dims": [8, 8, 4], "projection_dim": 8, "decoder_dims": [8, 8]}
-    said = {
-        "generator": {"class_path": "kfit.generators.VAE3D", "init_args": sizes},
-        "encoder": {
-            "class_path": "kfit.generators.ConvEncoder",
-            "init_args": {"code_dim": 4, "channels": [8, 8, 8, 8]},
-        },
-        "extents": {"class_path": "kfit.generators.ExtentsHead", "init_args": {"code_dim": 4}},
-    }
-    with torch.random.fork_rng():
-        torch.manual_seed(0)
-        networks = {
-            name: kind(**said[name]["init_args"])
-            for name, kind in (("generator", VAE3D), ("encoder", ConvEncoder), ("extents", ExtentsHead))
-        }
-    card = Card("mug", said, 4.0, 1.0, (-15.0, 75.0), "y up", "none", 0.17)
-    write_model(place / "mug.safetensors", networks, card)
+    write_tiny(place / "mug.safetensors")
     return place
 
 
@@ -73,9 +54,9 @@ def results(out):
 def uninterrupted(place):
     """Results of one process that nobody disturbed."""
     process = start(place, place / "whole")
-    said = process.communicate()[1]
-    assert process.returncode == 0, said
-    assert f"{2 * NUM_FRAMES} objects in {NUM_FRAMES} images fitted" in said
+    errors = process.communicate()[1]
+    assert process.returncode == 0, errors
+    assert f"{2 * NUM_FRAMES} objects in {NUM_FRAMES} images fitted" in errors
     assert not (place / "config.yaml").exists()
     whole = results(place / "whole")
     assert len(whole) == NUM_FRAMES
@@ -95,12 +76,12 @@ def test_a_killed_run_goes_on_and_ends_with_the_results_of_one_that_was_not(plac
     done = {path: path.stat().st_mtime_ns for path in out.glob("results_*.pkl")}
     assert 2 <= len(done) < NUM_FRAMES
     again = start(place, out, *more)
-    said = again.communicate()[1]
-    assert again.returncode == 0, said
-    assert f"{NUM_FRAMES - len(done)} of {NUM_FRAMES} images are to be fitted" in said
+    errors = again.communicate()[1]
+    assert again.returncode == 0, errors
+    assert f"{NUM_FRAMES - len(done)} of {NUM_FRAMES} images are to be fitted" in errors
     if more:
-        assert "process 1 of 2: " in said
-        assert "process 2 of 2: " in said
+        assert "process 1 of 2: " in errors
+        assert "process 2 of 2: " in errors
     assert {path: path.stat().st_mtime_ns for path in done} == done
     assert results(out) == uninterrupted
     assert {path.name for path in out.iterdir()} == {*uninterrupted, "fit.json"}
@@ -109,10 +90,10 @@ def test_a_killed_run_goes_on_and_ends_with_the_results_of_one_that_was_not(plac
 @pytest.mark.slow
 def test_two_processes_tell_a_mistake_once(place, tmp_path):
     process = start(place, tmp_path / "out", "--data.split", "real_train", *TWO)
-    said = process.communicate()[1]
+    errors = process.communicate()[1]
     assert process.returncode == 2
-    assert said.count("kfit: root must hold real/train or") == 1
-    assert "Traceback" not in said
+    assert errors.count("kfit: root must hold real/train or") == 1
+    assert "Traceback" not in errors
 
 
 @pytest.mark.slow
@@ -124,8 +105,8 @@ def test_two_processes_can_share_one_image(place, uninterrupted, tmp_path):
     for name in set(uninterrupted) - {last}:
         (out / name).write_bytes(b"")
     process = start(place, out, *TWO)
-    said = process.communicate()[1]
-    assert process.returncode == 0, said
+    errors = process.communicate()[1]
+    assert process.returncode == 0, errors
     assert (out / last).read_bytes() == uninterrupted[last]
 
 

@@ -14,19 +14,21 @@ from kfit.optimizers import LevenbergMarquardt
 def test_registration_prints_a_table_and_who_is_more_accurate(capsys, tmp_path):
     main(["bench", "registration", "--pictures", "[coffee,coins]", "--size", "96", "--out", str(tmp_path)])
     assert "| median of all |" in (tmp_path / "README.md").read_text()
-    said = capsys.readouterr().out
-    assert "ECC, no blur" in said
-    assert "floor" in said
-    assert "kfit is at least as accurate as Kornia on 2 of 2 pairs: nearer by more than the floor on 2" in said
+    printed = capsys.readouterr().out
+    assert "ECC, no blur" in printed
+    assert "floor" in printed
+    assert "kfit is at least as accurate as Kornia on 2 of 2 pairs: nearer by more than the floor on 2" in printed
 
 
 def test_rivals_are_compared_by_the_floor_and_by_the_median_of_draws():
     ours, theirs, floor = [0.1, 0.2, 0.2, 0.3], [0.4, 0.1, 0.25, 0.2], [0.08] * 4
-    told = "kfit is at least as accurate as ECC on 2 of 4 pairs: nearer by more than the floor on 1, further by more"
-    told += " than it on 2; it loses 0 (off by over 1 pixel) that ECC finds"
-    assert bench_registration.compared(ours, theirs, floor, "ECC", 1) == told
-    told += "; by the median of 2 draws on 1 of 2 pictures"
-    assert bench_registration.compared(ours, theirs, floor, "ECC", 2) == told
+    sentence = (
+        "kfit is at least as accurate as ECC on 2 of 4 pairs: nearer by more than the floor on 1, further by more"
+    )
+    sentence += " than it on 2; it loses 0 (off by over 1 pixel) that ECC finds"
+    assert bench_registration.compared(ours, theirs, floor, "ECC", 1) == sentence
+    sentence += "; by the median of 2 draws on 1 of 2 pictures"
+    assert bench_registration.compared(ours, theirs, floor, "ECC", 2) == sentence
 
 
 def test_a_pair_that_only_the_rival_finds_is_counted_as_lost():
@@ -61,12 +63,12 @@ def test_the_floor_is_how_far_noise_spreads_the_answers_of_least_squares():
     rng = torch.Generator().manual_seed(0)
     noises = noise * torch.randn(len(jacobian), 400, generator=rng, dtype=torch.float64)
     moved = 32 * torch.linalg.lstsq(jacobian, noises).solution[:8].view(4, 2, 400)
-    spread = float(moved.square().sum(1).mean().sqrt())
-    assert registration_pairs.noise_floor(pair, noise) == pytest.approx(spread, rel=0.1)
+    deviation = float(moved.square().sum(1).mean().sqrt())
+    assert registration_pairs.noise_floor(pair, noise) == pytest.approx(deviation, rel=0.1)
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "message"),
     [
         (["registration", "--pictures", "[eagle]"], "unknown eagle; known are astronaut"),
         (["registration", "--size", "100"], "--size must be a multiple of 8"),
@@ -75,20 +77,20 @@ def test_the_floor_is_how_far_noise_spreads_the_answers_of_least_squares():
         (["optimizers", "--category", "teapot", "--problems", "1"], "no bundled model"),
     ],
 )
-def test_a_mistake_gets_one_sentence(words, said, capsys):
+def test_a_mistake_gets_one_sentence(words, message, capsys):
     with pytest.raises(SystemExit):
         main(["bench", *words])
-    assert said in capsys.readouterr().err
+    assert message in capsys.readouterr().err
 
 
 @pytest.mark.slow
 def test_optimizers_prints_a_line_for_each_optimizer_and_problem(capsys):
     main(["bench", "optimizers", "--problems", "1", "--starts", "1", "--budget", "4"])
-    said = capsys.readouterr().out
+    printed = capsys.readouterr().out
     for name in ("Adam", "AutoAdam", "LBFGS", "LevenbergMarquardt", "CMAES", "Stages"):
-        assert said.count(name) >= 4
+        assert printed.count(name) >= 4
     for problem in ("astronaut", "coffee", "pose", "inversion"):
-        assert problem in said
+        assert problem in printed
 
 
 def test_a_registration_is_solved_when_it_is_and_not_before():

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import FrozenInstanceError
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -9,32 +10,21 @@ import numpy as np
 import pytest
 from jsonargparse import Namespace
 from nocs_lookalike import write_frames
+from tiny_model import TINY_FIELD, write_tiny
 
+from kfit.bench.accuracy import parser, write_card
 from kfit.bench.accuracy_fits import AccuracyFits
 from kfit.bench.accuracy_page import mean_of, objects_section, views_section
 from kfit.cli.main import main
-from kfit.generators import ConvEncoder, ExtentsHead, RadianceField
-from kfit.models import read_card, write_model
-from kfit.pose import Card
+from kfit.models import load, read_card
 
 QUICK = ["--starts", "2", "--steps", "1"]
 
 
 @pytest.fixture
 def tiny(tmp_path: Path) -> Path:
-    """A mug's model file, small and untrained."""
-    sizes = {
-        "generator": ("RadianceField", {"code_dim": 4, "volume_dims": [8, 4], "num_samples": 4}),
-        "encoder": ("ConvEncoder", {"code_dim": 4, "channels": [8, 8, 8, 8]}),
-        "extents": ("ExtentsHead", {"code_dim": 4}),
-    }
-    kinds = {"RadianceField": RadianceField, "ConvEncoder": ConvEncoder, "ExtentsHead": ExtentsHead}
-    named = {part: {"class_path": f"kfit.generators.{name}", "init_args": said} for part, (name, said) in sizes.items()}
-    card = Card("mug", named, 4.0, 1.0, (-15.0, 75.0), "y up", "none", 0.17)
-    write_model(
-        tmp_path / "tiny.safetensors", {part: kinds[name](**said) for part, (name, said) in sizes.items()}, card
-    )
-    return tmp_path / "tiny.safetensors"
+    """A mug's model file, small and untrained, that draws depth."""
+    return write_tiny(tmp_path / "tiny.safetensors", networks=TINY_FIELD)
 
 
 @pytest.fixture
@@ -63,26 +53,36 @@ def test_all_sources_are_printed_noted_in_the_card_and_written(
     write_frames(tmp_path / "nocs", [["mug", "laptop"]])
     sources = ["--views", "2", "--meshes", f"[{cube}]", "--scan-views", "1", "--nocs", str(tmp_path / "nocs")]
     main(["bench", "accuracy", "--model", str(tiny), *sources, *QUICK, "--card", "--out", str(tmp_path / "out")])
-    said = capsys.readouterr().out
+    printed = capsys.readouterr().out
     for words in ("Unseen procedural objects", "mug: 7_mug", "real_test scene_1/0000 1", "RGB-D: of 1 objects"):
-        assert words in said
-    assert "laptop" not in said
-    told = json.loads((tmp_path / "out/accuracy.json").read_text())
-    assert told["procedural"]["mug"]["all views"]["number"] == 2
-    assert told["scans"]["mug: 7_mug"]["all views"]["number"] == 1
-    assert told["objects"][0]["RGB"]["rotation_deg"] >= 0
-    assert (told["starts"], told["steps"], told["seed"]) == (2, 1, 0)
-    assert told["versions"]["torch"]
+        assert words in printed
+    assert "laptop" not in printed
+    saved = json.loads((tmp_path / "out/accuracy.json").read_text())
+    assert saved["procedural"]["mug"]["all views"]["number"] == 2
+    assert saved["scans"]["mug: 7_mug"]["all views"]["number"] == 1
+    assert saved["objects"][0]["RGB"]["rotation_deg"] >= 0
+    assert (saved["starts"], saved["steps"], saved["seed"]) == (2, 1, 0)
+    assert saved["versions"]["torch"]
     page = (tmp_path / "out/README.md").read_text()
     assert "Made by `kfit bench accuracy --model" in page
     sheets = sorted(path.name for path in (tmp_path / "out").glob("*.png"))
     assert sheets == ["mug_procedural.png", "mug_real_test.png", "mug_scan_7_mug.png"]
     assert all(f"({name})" in page for name in sheets)
     assert cv2.imread(str(tmp_path / "out" / sheets[0])).std() > 10
-    assert told["objects"][0]["RGB-D"]["translation_cm"] >= 0
+    assert saved["objects"][0]["RGB-D"]["translation_cm"] >= 0
     accuracy = read_card(tiny).accuracy
     assert len(accuracy) == 3
     assert accuracy["unseen procedural objects, held-out families, upright views"]["all views"]["number"] == 2
+
+
+def test_figures_go_into_the_file_and_not_into_the_loaded_model(tiny: Path) -> None:
+    model = load(tiny)
+    args = parser().parse_args(["--model", str(tiny)])
+    write_card({"mug": model}, args, {"mug": figures(2.0, 0.5)}, {}, [])
+    assert model.card.accuracy == {}
+    assert list(read_card(tiny).accuracy) == ["unseen procedural objects, held-out families, upright views"]
+    with pytest.raises(FrozenInstanceError):
+        model.card.accuracy = {}
 
 
 @pytest.mark.parametrize(

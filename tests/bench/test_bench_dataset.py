@@ -10,8 +10,8 @@ from kfit.cli.main import main
 
 
 def test_the_first_batch_is_counted_apart():
-    said = Namespace(objects=30, batch_size=10)
-    first, rate, each, whole = bench_dataset.figures([5.0, 6.0, 7.0], said)
+    args = Namespace(objects=30, batch_size=10)
+    first, rate, each, whole = bench_dataset.figures([5.0, 6.0, 7.0], args)
     assert (first, rate, each) == ("5.0", "10.00", "100.0")
     assert float(whole) == pytest.approx((5 + (15_573 - 10) / 10) / 60, abs=0.05)
 

@@ -4,31 +4,22 @@ import json
 from pathlib import Path
 
 import pytest
+from tiny_model import TINY_FIELD, write_tiny
 
 from kfit.bench import accuracy_fits
 from kfit.bench.energies import mixes, section
 from kfit.cli.main import main
 from kfit.energies import Silhouette
-from kfit.generators import ConvEncoder, ExtentsHead, RadianceField
-from kfit.models import load, write_model
-from kfit.pose import Card, CategoryModel
+from kfit.models import load
+from kfit.pose import CategoryModel
 
 QUICK = ["--views", "1", "--starts", "2", "--steps", "1"]
 
 
 @pytest.fixture
 def tiny(tmp_path: Path) -> Path:
-    """A mug's model file, small and untrained."""
-    kinds = {"generator": RadianceField, "encoder": ConvEncoder, "extents": ExtentsHead}
-    sizes = {
-        "generator": {"code_dim": 4, "volume_dims": [8, 4], "num_samples": 4},
-        "encoder": {"code_dim": 4, "channels": [8, 8, 8, 8]},
-        "extents": {"code_dim": 4},
-    }
-    named = {n: {"class_path": f"kfit.generators.{kinds[n].__name__}", "init_args": said} for n, said in sizes.items()}
-    card = Card("mug", named, 4.0, 1.0, (-15.0, 75.0), "y up", "none", 0.17)
-    write_model(tmp_path / "tiny.safetensors", {n: kinds[n](**said) for n, said in sizes.items()}, card)
-    return tmp_path / "tiny.safetensors"
+    """A mug's model file, small and untrained, that draws depth."""
+    return write_tiny(tmp_path / "tiny.safetensors", networks=TINY_FIELD)
 
 
 def two(vgg16: str | None) -> dict[str, object]:
@@ -46,30 +37,30 @@ def test_each_energy_gets_a_row_and_nothing_is_measured_twice(
     drawn: list[int] = []
     views = accuracy_fits.held_out_views
     monkeypatch.setattr(
-        accuracy_fits, "held_out_views", lambda *given, **also: (drawn.append(1), views(*given, **also))[1]
+        accuracy_fits, "held_out_views", lambda *args, **also: (drawn.append(1), views(*args, **also))[1]
     )
     main(words)
     assert drawn == [1]  # for both
-    said = capsys.readouterr()
-    assert "one" in said.out
-    assert "other" in said.out
-    assert "--vgg16 FILE" in said.err
+    printed = capsys.readouterr()
+    assert "one" in printed.out
+    assert "other" in printed.out
+    assert "--vgg16 FILE" in printed.err
     page = (tmp_path / "out/README.md").read_text()
     assert "kfit bench energies --model" in page
     path = tmp_path / "out/energies.json"
-    told = json.loads(path.read_text())
-    assert told["found"]["one"]["procedural"]["mug"]["all views"]["number"] == 1
-    del told["found"]["other"]  # as if stopped after the first
-    path.write_text(json.dumps(told))
-    measured: list[int] = []
+    saved = json.loads(path.read_text())
+    assert saved["found"]["one"]["procedural"]["mug"]["all views"]["number"] == 1
+    del saved["found"]["other"]  # as if stopped after the first
+    path.write_text(json.dumps(saved))
+    calls: list[int] = []
     once = accuracy_fits.AccuracyFits.procedural
-    monkeypatch.setattr(accuracy_fits.AccuracyFits, "procedural", lambda self: (measured.append(1), once(self))[1])
+    monkeypatch.setattr(accuracy_fits.AccuracyFits, "procedural", lambda self: (calls.append(1), once(self))[1])
     main(words)
-    assert measured == [1]
+    assert calls == [1]
     main(words)
-    assert measured == [1]
+    assert calls == [1]
     main([*words, "--seed", "3"])
-    assert measured == [1, 1, 1]
+    assert calls == [1, 1, 1]
 
 
 def test_every_energy_fits_a_model() -> None:

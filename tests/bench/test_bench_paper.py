@@ -105,9 +105,9 @@ def test_the_regressor_starts_from_imagenet_where_its_file_is_given(how):
     words = replace(how.training, vgg16="vgg16.pth").command("regressor", "laptop")
     assert words[words.index("--model.init_args.weights") + 1] == "vgg16.pth"
     assert "--model.init_args.weights" not in how.training.command("regressor", "laptop")
-    given = replace(how, training=replace(how.training, vgg16="vgg16.pth"))
+    inputs = replace(how, training=replace(how.training, vgg16="vgg16.pth"))
     found = made_up(["2a"], ["laptop"])
-    assert "the VGG16 regressor from ImageNet's weights" in page(found, ["2a"], ["laptop"], given, "kfit")
+    assert "the VGG16 regressor from ImageNet's weights" in page(found, ["2a"], ["laptop"], inputs, "kfit")
     assert "the VGG16 regressor from random weights" in page(found, ["2a"], ["laptop"], how, "kfit")
 
 
@@ -174,15 +174,13 @@ def test_a_unit_is_measured_once_for_the_same_settings(how, monkeypatch, tmp_pat
     checkpoint.write_bytes(b"")
     (how.training.runs / "mug").mkdir(parents=True)
     monkeypatch.setattr(variants.Training, "trained", lambda *_: checkpoint)
-    measured = []
-    monkeypatch.setattr(
-        Measuring, "_measure", lambda self, *asked: measured.append(asked) or {"rotation_deg": np.ones(2)}
-    )
+    calls = []
+    monkeypatch.setattr(Measuring, "_measure", lambda self, *asked: calls.append(asked) or {"rotation_deg": np.ones(2)})
     for _ in range(2):
         assert how.measured("full+l1", "mug")["rotation_deg"].tolist() == [1, 1]
-    assert len(measured) == 1
-    Measuring(how.training, fits.Schedule(8, 2), 2, 0, how.tell).measured("full+l1", "mug")
-    assert len(measured) == 2
+    assert len(calls) == 1
+    Measuring(how.training, fits.Schedule(8, 2), 2, 0, how.report).measured("full+l1", "mug")
+    assert len(calls) == 2
 
 
 def test_reconstruction_is_evaluated_on_objects_of_held_out_and_of_known_families(tmp_path):
@@ -224,9 +222,9 @@ def test_a_path_is_that_of_the_start_which_won():
 def test_a_hidden_handle_is_evaluated_by_the_axis():
     model = load("mug")
     views = held_out_views(model, 2, 0)
-    turned = views.rotation @ torch.tensor([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]], dtype=torch.float64)
+    rotated = views.rotation @ torch.tensor([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]], dtype=torch.float64)
     hidden = replace(views, visible=torch.tensor([True, False]))
-    assert fits.errors(turned, hidden, "mug").tolist() == pytest.approx([90, 0], abs=1e-4)
+    assert fits.errors(rotated, hidden, "mug").tolist() == pytest.approx([90, 0], abs=1e-4)
 
 
 @pytest.mark.parametrize("kind", ["brightness", "occlusion", "shift"])
@@ -234,8 +232,8 @@ def test_no_change_leaves_views_as_they_are_and_more_changes_more(kind):
     image = torch.ones(2, 3, 32, 32)
     image[:, :, 8:24, 8:24] = 0.4
     mask = (image[:, :1] < 0.5).float()
-    seen = Observation(image, mask, keys=(0, 1))
-    away = [(changer(kind, s)(seen).image - image).abs().mean() for s in (0.0, 0.1, 0.3)]
+    observed = Observation(image, mask, keys=(0, 1))
+    away = [(changer(kind, s)(observed).image - image).abs().mean() for s in (0.0, 0.1, 0.3)]
     assert away[0] < 1e-6 < away[1] < away[2]
 
 
@@ -244,7 +242,7 @@ def test_pictures_from_the_prior_are_as_many_as_asked_for():
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "message"),
     [
         (["--tables", "[1c]"], "--tables: unknown 1c; known are 1a, 1b, 2a, backbone, curves, robustness, paper_1a"),
         (["--categories", "[cup]"], "--categories: unknown cup; known are"),
@@ -253,16 +251,16 @@ def test_pictures_from_the_prior_are_as_many_as_asked_for():
         (["--recipes", "nowhere"], "no recipe at nowhere/vae3d.yaml; run this in kfit's checkout, or pass --recipes"),
     ],
 )
-def test_mistakes_get_a_sentence(words, said, capsys, tmp_path):
+def test_mistakes_get_a_sentence(words, message, capsys, tmp_path):
     with pytest.raises(SystemExit, match="2"):
         main(["bench", "paper", "--tables", "[1b]", "--runs", str(tmp_path), *words])
-    assert said in capsys.readouterr().err
+    assert message in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
 
 
 def test_the_command_on_the_page_says_only_what_differs():
-    said = bench_paper.parser().parse_args(["--categories", "[laptop]", "--views", "20", "--out", "elsewhere"])
-    assert bench_paper._command(said) == "kfit bench paper --categories '[laptop]' --views 20"
+    args = bench_paper.parser().parse_args(["--categories", "[laptop]", "--views", "20", "--out", "elsewhere"])
+    assert bench_paper._command(args) == "kfit bench paper --categories '[laptop]' --views 20"
 
 
 def test_levels_start_with_nothing():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import torch
 
-from kfit.bench.fit_scaling import USUAL, cost_of, resized
+from kfit.bench.fit_scaling import DEFAULTS, cost_of, resized
 from kfit.bench.scaling import figure, sections
 from kfit.cli.main import main
 from kfit.models import load
@@ -39,14 +39,14 @@ def test_a_longer_code_draws_the_same_pictures() -> None:
 
 
 def test_pictures_are_those_of_starts_and_steps() -> None:
-    cost = cost_of(load("can"), {**USUAL, "objects": 2, "starts": 2, "steps": 1, "picture size": 32})
+    cost = cost_of(load("can"), {**DEFAULTS, "objects": 2, "starts": 2, "steps": 1, "picture size": 32})
     assert cost.pictures == 2 * 2 * 2
 
 
 @pytest.mark.slow
 def test_memory_does_not_grow_with_the_number_of_objects() -> None:
     model = load("can")
-    few, many = (cost_of(model, {**USUAL, "objects": count, "steps": 1}) for count in (4, 16))
+    few, many = (cost_of(model, {**DEFAULTS, "objects": count, "steps": 1}) for count in (4, 16))
     if few.megabytes is not None and many.megabytes is not None:
         # Sixteen pictures are drawn at once, whatever their number; what is kept of each row is small.
         assert many.megabytes - few.megabytes < 100

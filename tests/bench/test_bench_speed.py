@@ -7,13 +7,11 @@ from pathlib import Path
 
 import pytest
 import torch
+from tiny_model import TINY, write_tiny
 
 from kfit.bench import speed as bench_speed
 from kfit.bench.speed_page import sections
 from kfit.cli.main import main
-from kfit.generators import VAE3D, ConvEncoder, ExtentsHead, PoseHead
-from kfit.models import write_model
-from kfit.pose import Card
 from kfit.runtime.devices import Operations, matrix_rate
 
 ROOT = Path(__file__).parents[2]
@@ -21,18 +19,14 @@ ROOT = Path(__file__).parents[2]
 
 @pytest.fixture
 def tiny(tmp_path: Path) -> Path:
-    """A bottle's model file, small and untrained."""
-    kinds = {"generator": VAE3D, "encoder": ConvEncoder, "extents": ExtentsHead, "pose_head": PoseHead}
-    sizes = {
-        "generator": {"code_dim": 4, "volume_dims": [8, 4, 4], "projection_dim": 8, "decoder_dims": [8, 4]},
-        "encoder": {"code_dim": 4, "channels": [8, 8, 8, 8]},
-        "extents": {"code_dim": 4},
-        "pose_head": {},
+    """A bottle's model file, small and untrained, with a pose head."""
+    sizes = {"code_dim": 4, "volume_dims": [8, 4, 4], "projection_dim": 8, "decoder_dims": [8, 4]}
+    networks = {
+        **TINY,
+        "generator": {"class_path": "kfit.generators.VAE3D", "init_args": sizes},
+        "pose_head": {"class_path": "kfit.generators.PoseHead", "init_args": {}},
     }
-    named = {n: {"class_path": f"kfit.generators.{kinds[n].__name__}", "init_args": said} for n, said in sizes.items()}
-    card = Card("bottle", named, 4.0, 1.0, (-15.0, 75.0), "y up", "y", 0.34)
-    write_model(tmp_path / "tiny.safetensors", {n: kinds[n](**said) for n, said in sizes.items()}, card)
-    return tmp_path / "tiny.safetensors"
+    return write_tiny(tmp_path / "tiny.safetensors", "bottle", networks)
 
 
 @pytest.fixture
@@ -55,23 +49,23 @@ def test_each_fit_is_kept_and_none_is_measured_twice(
     words = ["bench", "speed", "--model", str(tiny), "--recipe", str(recipe), "--out", str(out)]
     words += ["--views", "2", "--timed", "1", "--repeats", "2"]
     main(words)
-    said = capsys.readouterr().out
-    told = json.loads((out / "speed.json").read_text())
-    fits = told["found"]["fits"]
+    printed = capsys.readouterr().out
+    saved = json.loads((out / "speed.json").read_text())
+    fits = saved["found"]["fits"]
     assert list(fits) == ["released", "kfit, released energy", "kfit", "kfit, bundled model"]
     assert {name: [len(fits[name][number]) for number in "01"] for name in fits} == {name: [2, 1] for name in fits}
     # Three starts at each of two steps and the last look; 16 candidates, 4 rows at steps 0 to 3, 2 at 4 to 16.
     assert [fits[name]["0"][0]["pictures"] for name in fits] == [9, 58, 58, 58]
     assert "energy: released" in fits["kfit"]["0"][0]
     assert "energy: released" not in fits["kfit, bundled model"]["0"][0]
-    assert "What a view costs" in said
+    assert "What a view costs" in printed
     assert "kfit bench speed --model" in (out / "README.md").read_text()
 
     del fits["kfit"]["1"]  # as if stopped before the last
-    (out / "speed.json").write_text(json.dumps(told))
+    (out / "speed.json").write_text(json.dumps(saved))
     again: list[str] = []
     fit = bench_speed.fit
-    monkeypatch.setattr(bench_speed, "fit", lambda way, *given: (again.append(way.name), fit(way, *given))[1])
+    monkeypatch.setattr(bench_speed, "fit", lambda way, *args: (again.append(way.name), fit(way, *args))[1])
     main(words)
     assert again == ["kfit"]
 
@@ -82,11 +76,11 @@ def test_each_fit_is_kept_and_none_is_measured_twice(
 
 def test_ratios_are_medians_over_repeats() -> None:
     def fits(seconds: list[float], pictures: int) -> dict[str, list[dict[str, object]]]:
-        measured = [
+        calls = [
             {"seconds": s, "pictures": pictures, "megabytes": None, "rotation_deg": 3.0, "energy: released": s}
             for s in seconds
         ]
-        return {"0": measured}
+        return {"0": calls}
 
     cost, quality = sections({"released": fits([40, 30, 20], 1600), "kfit": fits([1, 2, 1], 80)}, 1, {}, {})
     assert cost.rows[1] == ["kfit", "1.00", "20.0 ×", "80", "20.0 ×", "unknown", ""]
@@ -107,7 +101,7 @@ def test_the_machines_rate_is_a_number() -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "message"),
     [
         (["--views", "0"], "--views must be at least 1"),
         (["--views", "2", "--timed", "3"], "--timed must be at most --views"),
@@ -116,8 +110,8 @@ def test_the_machines_rate_is_a_number() -> None:
     ],
 )
 def test_a_users_mistake_gets_one_sentence(
-    tiny: Path, words: list[str], told: str, capsys: pytest.CaptureFixture[str]
+    tiny: Path, words: list[str], message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit):
         main(["bench", "speed", "--model", str(tiny), *words])
-    assert told in capsys.readouterr().err
+    assert message in capsys.readouterr().err

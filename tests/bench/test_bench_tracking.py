@@ -14,10 +14,10 @@ from kfit.cli.main import main
 def test_it_prints_a_row_for_each_way_and_writes_the_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = ["--categories", "[can]", "--clips", "1", "--frames", "2", "--out", str(tmp_path)]
     main(["bench", "following", *words])
-    said = capsys.readouterr().out
+    printed = capsys.readouterr().out
     page = (tmp_path / "README.md").read_text()
     for way in ("by itself", "true masks", "own masks"):
-        assert way in said
+        assert way in printed
         assert way in page
 
 

@@ -20,13 +20,13 @@ def test_rates_are_of_operations_over_the_whole_step() -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "message"),
     [(["--recipes", "[gone.yaml]"], "there is no recipe gone.yaml"), (["--steps", "0"], "--steps must be at least 1")],
 )
-def test_a_users_mistake_gets_one_sentence(words: list[str], told: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_users_mistake_gets_one_sentence(words: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         main(["bench", "training", *words])
-    assert told in capsys.readouterr().err
+    assert message in capsys.readouterr().err
 
 
 @pytest.mark.slow

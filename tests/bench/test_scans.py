@@ -34,8 +34,8 @@ def test_whole_words_of_names_tell_the_category(tmp_path: Path) -> None:
 def test_the_category_of_an_argument_counts_before_the_name_of_a_scan(tmp_path: Path) -> None:
     for name in ("mug", "shampoo"):
         write_box(tmp_path / name)
-    said = [f"{tmp_path}@y", f"bottle={tmp_path / 'shampoo'}@-y", f"bowl={tmp_path / 'mug'}"]
-    scans, unknown = find_scans(said, CATEGORIES)
+    places = [f"{tmp_path}@y", f"bottle={tmp_path / 'shampoo'}@-y", f"bowl={tmp_path / 'mug'}"]
+    scans, unknown = find_scans(places, CATEGORIES)
     assert {(scan.name, scan.category, scan.up) for scan in scans} == {
         ("shampoo", "bottle", "-y"),
         ("mug", "bowl", "y"),

@@ -26,7 +26,7 @@ def picture():
     return torch.stack([torch.outer((k * grid).sin(), (grid + k).cos()) for k in (1, 2, 3)]) / 2 + 0.5
 
 
-def seen():
+def observed():
     truth = {
         "roll": torch.tensor([0.2, -0.3]).double(),
         "shift": torch.tensor([[0.1, -0.1], [0.0, 0.2]]).double(),
@@ -45,7 +45,7 @@ def fit(optimizer, observation=None, callbacks=(), seed=2):
         num_starts=5,
         num_steps=8,
     )
-    return pipeline(seen() if observation is None else observation, seed=seed)
+    return pipeline(observed() if observation is None else observation, seed=seed)
 
 
 def assert_same_path(found, expected, row, start, problem=None):
@@ -57,7 +57,7 @@ def assert_same_path(found, expected, row, start, problem=None):
 
 
 @pytest.mark.parametrize("optimizer", OPTIMIZERS, ids=lambda optimizer: type(optimizer).__name__)
-class TestBesideAnOptimizer:
+class TestWithAnOptimizer:
     def test_a_survivor_walks_the_path_that_it_walks_without_pruning(self, optimizer):
         whole = fit(optimizer)
         pruned = fit(optimizer, callbacks=[Pruning({2: 3, 5: 1})])
@@ -67,7 +67,7 @@ class TestBesideAnOptimizer:
             assert_same_path(pruned, whole, row, start)
 
     def test_a_problem_walks_the_path_that_it_walks_alone(self, optimizer):
-        together, both = fit(optimizer), seen()
+        together, both = fit(optimizer), observed()
         alone = fit(optimizer, Observation(both.image[1:], keys=both.keys[1:]))
         for start in range(5):
             assert_same_path(alone, together, 0, start, problem=1)

@@ -6,7 +6,7 @@ import torch
 from kfit.callbacks import Pruning, Stopping
 from kfit.core import Callback, Observation
 from kfit.optimizers import Adam
-from tests.callbacks.test_pruning import fit, seen
+from tests.callbacks.test_pruning import fit, observed
 
 
 class Rests(Callback):
@@ -71,7 +71,7 @@ def test_stopping_lets_a_problem_that_falls_go_on():
 
 
 def test_a_problem_stops_in_company_as_it_does_alone():
-    both, stopping = seen(), [Stopping(0.05, 2)]
+    both, stopping = observed(), [Stopping(0.05, 2)]
     together = fit(Adam(0.02), both, stopping)
     for row in (0, 1):
         alone = fit(Adam(0.02), Observation(both.image[row : row + 1], keys=both.keys[row : row + 1]), stopping)

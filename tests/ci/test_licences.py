@@ -22,7 +22,7 @@ def package(name, *licences):
 
 
 @pytest.mark.parametrize(
-    ("expression", "verdict"),
+    ("expression", "outcome"),
     [
         ("MIT", True),
         ("MPL-2.0 AND (Apache-2.0 OR MIT)", True),
@@ -35,12 +35,12 @@ def package(name, *licences):
         ("all rights reserved", False),
     ],
 )
-def test_all_licences_that_bind_at_once_must_be_allowed(expression, verdict):
-    assert SCRIPT["allowed"](expression) is verdict
+def test_all_licences_that_bind_at_once_must_be_allowed(expression, outcome):
+    assert SCRIPT["allowed"](expression) is outcome
 
 
 @pytest.mark.parametrize(
-    ("licences", "told"),
+    ("licences", "expression"),
     [
         ([{"id": "MIT"}], "MIT"),
         ([{"name": "License :: OSI Approved :: BSD License"}], "BSD"),
@@ -49,8 +49,8 @@ def test_all_licences_that_bind_at_once_must_be_allowed(expression, verdict):
         ([], ""),
     ],
 )
-def test_what_a_package_tells_of_itself_is_one_expression(licences, told):
-    assert SCRIPT["licence"](package("some", *licences)) == told
+def test_what_a_package_tells_of_itself_is_one_expression(licences, expression):
+    assert SCRIPT["licence"](package("some", *licences)) == expression
 
 
 def test_the_table_is_made_anew_and_the_rest_of_the_page_stays(page, capsys):

@@ -25,8 +25,8 @@ def test_without_gradio_it_says_in_one_sentence_how_to_install_it(monkeypatch, c
 def test_the_help_says_what_another_host_means(capsys):
     with pytest.raises(SystemExit):
         main(["app", "--help"])
-    told = " ".join(capsys.readouterr().out.split())
-    assert "any other than this one lets everybody who can reach this machine use the page" in told
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "any other than this one lets everybody who can reach this machine use the page" in printed
 
 
 @pytest.mark.slow  # imports Gradio

@@ -28,10 +28,10 @@ def test_pose_writes_json_and_overlay_and_prints_one_line(
     cutout: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     main(["pose", str(cutout), "--category", "mug", "--out", str(tmp_path / "out")])
-    said = capsys.readouterr()
-    assert len(said.out.splitlines()) == 1
-    assert said.out.startswith("mug ")
-    assert "estimated" in said.err
+    printed = capsys.readouterr()
+    assert len(printed.out.splitlines()) == 1
+    assert printed.out.startswith("mug ")
+    assert "estimated" in printed.err
     assert json.loads((tmp_path / "out/pose.json").read_text())["category"] == "mug"
     assert imread(tmp_path / "out/overlay.png").shape[2] == 3
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["overlay.png", "pose.json"]
@@ -55,22 +55,23 @@ def test_a_recipe_may_name_parts_in_the_working_folder(
     assert sys.path[-1] == str(tmp_path)
 
 
+@pytest.mark.slow
 def test_pose_prints_the_json_on_request(cutout: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     camera = ["--intrinsics", "300", "300", "63.5", "63.5"]
     main(["pose", str(cutout), "--category", "mug", "--out", str(tmp_path), "--json", *camera])
-    said = json.loads(capsys.readouterr().out)
-    assert said["intrinsics_assumed"] is False
-    assert said == json.loads((tmp_path / "pose.json").read_text())
+    printed = json.loads(capsys.readouterr().out)
+    assert printed["intrinsics_assumed"] is False
+    assert printed == json.loads((tmp_path / "pose.json").read_text())
 
 
 def refused(words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
     with pytest.raises(SystemExit) as stopped:
         main(words)
-    said = capsys.readouterr()
+    printed = capsys.readouterr()
     assert stopped.value.code == 2
-    assert said.out == ""
-    assert "Traceback" not in said.err
-    return said.err
+    assert printed.out == ""
+    assert "Traceback" not in printed.err
+    return printed.err
 
 
 def test_a_users_mistake_gets_one_sentence_and_writes_nothing(
@@ -105,15 +106,15 @@ def test_a_users_mistake_gets_one_sentence_and_writes_nothing(
 @pytest.mark.slow
 def test_bench_accuracy_prints_a_table(capsys: pytest.CaptureFixture[str]) -> None:
     main(["bench", "accuracy", "--categories", "[mug]", "--views", "2", "--starts", "2", "--steps", "1"])
-    said = capsys.readouterr().out
-    assert "median" in said
-    assert "pictures drawn" in said
+    printed = capsys.readouterr().out
+    assert "median" in printed
+    assert "pictures drawn" in printed
 
 
 def test_python_dash_m_kfit_is_the_console_script() -> None:
-    said = subprocess.run([sys.executable, "-m", "kfit", "--help"], capture_output=True, text=True, check=True)
-    assert "pose" in said.stdout
-    assert "predict" in said.stdout
+    done = subprocess.run([sys.executable, "-m", "kfit", "--help"], capture_output=True, text=True, check=True)
+    assert "pose" in done.stdout
+    assert "predict" in done.stdout
 
 
 def test_importing_the_commands_loads_no_torch() -> None:

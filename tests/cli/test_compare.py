@@ -28,18 +28,18 @@ def test_recipes_and_results_stand_side_by_side(runs, capsys):
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "message"),
     [
         (["nowhere"], "nowhere is no folder of a training: it has no metrics.csv"),
         (["."], "its folders version_0, version_1 have"),
         (["version_0", "--curves", "c.gif"], "--curves must name a .png, .svg or .pdf file"),
     ],
 )
-def test_what_cannot_be_compared_gets_a_sentence(runs, capsys, words, told):
+def test_what_cannot_be_compared_gets_a_sentence(runs, capsys, words, message):
     with pytest.raises(SystemExit) as ended:
         main(["compare", *words])
     assert ended.value.code == 2
-    assert told in capsys.readouterr().err
+    assert message in capsys.readouterr().err
 
 
 def test_a_table_that_is_none_of_lightning_s_names_itself(runs, capsys):

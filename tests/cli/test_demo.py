@@ -22,8 +22,8 @@ def test_the_demo_is_a_pose_command_that_can_be_repeated(
     (args,) = run
     assert sorted(path.name for path in Path("kfit_demo").iterdir()) == ["coffee.png", "coffee_mask.png"]
     assert (args.category, args.out, args.open) == ("mug", "kfit_demo", True)
-    said = capsys.readouterr().err
-    assert "this is kfit pose kfit_demo/coffee.png --category mug --mask kfit_demo/coffee_mask.png" in said
+    printed = capsys.readouterr().err
+    assert "this is kfit pose kfit_demo/coffee.png --category mug --mask kfit_demo/coffee_mask.png" in printed
 
 
 def test_files_are_opened_in_the_browser_or_named_where_there_is_none(

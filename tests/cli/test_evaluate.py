@@ -46,9 +46,9 @@ def write_results(folder, off_deg, off_cm, classes=(1, 2, 3, 4, 5, 6), **more):
 def test_one_method_is_printed_and_written(tmp_path, capsys):
     folder = write_results(tmp_path / "ours", 7, 3)
     main(["evaluate", str(folder), "--out", str(tmp_path / "out")])
-    said = capsys.readouterr().out
+    printed = capsys.readouterr().out
     for column in ("IoU25", "IoU50", "IoU75", "5°2cm", "5°5cm", "10°5cm", "10°10cm", "10°", "60°", "ours"):
-        assert column in said
+        assert column in printed
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
         *("curves.png", "scores.csv", "scores.json", "scores.md")
     ]
@@ -57,9 +57,9 @@ def test_one_method_is_printed_and_written(tmp_path, capsys):
     mean = rows[-1]
     assert (mean["objects"], mean["found"]) == ("12", "12")
     assert [float(mean[name]) for name in ("5°5cm", "10°5cm", "10°10cm")] == [0, 100, 100]
-    told = json.loads((tmp_path / "out/scores.json").read_text(encoding="utf-8"))
-    assert told["methods"]["ours"]["table"]["mean"]["10°5cm"] == 100
-    curve = told["methods"]["ours"]["rotation_curve"]
+    saved = json.loads((tmp_path / "out/scores.json").read_text(encoding="utf-8"))
+    assert saved["methods"]["ours"]["table"]["mean"]["10°5cm"] == 100
+    curve = saved["methods"]["ours"]["rotation_curve"]
     assert curve["degrees"] == list(range(61))
     assert curve["laptop"] == [0.0] * 7 + [1.0] * 54
     assert "| mean | 12 | 12 | 12 |" in (tmp_path / "out/scores.md").read_text(encoding="utf-8")
@@ -70,19 +70,19 @@ def test_one_method_is_printed_and_written(tmp_path, capsys):
 def test_folders_are_methods_and_files_are_one(tmp_path, capsys):
     near, far = write_results(tmp_path / "near", 3, 1), write_results(tmp_path / "far", 20, 8)
     main(["evaluate", str(near), *map(str, far.iterdir()), "--out", str(tmp_path / "out")])
-    told = json.loads((tmp_path / "out/scores.json").read_text(encoding="utf-8"))["methods"]
-    assert {name: method["table"]["mean"]["5°5cm"] for name, method in told.items()} == {"far": 0, "near": 100}
+    saved = json.loads((tmp_path / "out/scores.json").read_text(encoding="utf-8"))["methods"]
+    assert {name: method["table"]["mean"]["5°5cm"] for name, method in saved.items()} == {"far": 0, "near": 100}
     for name in ("curves", "rotation", "translation", "iou"):
         assert imread(tmp_path / f"out/{name}.png").std() > 0
-    said = capsys.readouterr().out
-    assert said.index("far") < said.index("near")
+    printed = capsys.readouterr().out
+    assert printed.index("far") < printed.index("near")
 
 
 def test_a_category_without_objects_is_reported(tmp_path, capsys):
     write_results(tmp_path / "ours", 2, 1, classes=(5, 6))
     main(["evaluate", str(tmp_path / "ours"), "--out", str(tmp_path / "out")])
-    said = capsys.readouterr().out
-    assert "no bottle, bowl, camera, can in the images; the published mean counts each as 0" in said
+    printed = capsys.readouterr().out
+    assert "no bottle, bowl, camera, can in the images; the published mean counts each as 0" in printed
     table = json.loads((tmp_path / "out/scores.json").read_text(encoding="utf-8"))["methods"]["ours"]["table"]
     assert table["mean"]["5°5cm"] == pytest.approx(100 / 3)
     assert table["mean of those present"]["5°5cm"] == 100
@@ -152,9 +152,9 @@ def test_a_mistake_gets_one_sentence_and_writes_nothing(tmp_path, capsys):
     ]:
         with pytest.raises(SystemExit) as stopped:
             main(["evaluate", *words, "--out", str(tmp_path / "out")])
-        said = capsys.readouterr()
+        printed = capsys.readouterr()
         assert stopped.value.code == 2
-        assert sentence in said.err
-        assert len(said.err.splitlines()) == 1, said.err
-        assert said.out == ""
+        assert sentence in printed.err
+        assert len(printed.err.splitlines()) == 1, printed.err
+        assert printed.out == ""
     assert not (tmp_path / "out").exists()

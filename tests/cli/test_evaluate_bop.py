@@ -13,7 +13,7 @@ from kfit.metrics.bop_errors import bop_errors
 POSE = {"cam_R_m2c": np.eye(3).ravel().tolist(), "cam_t_m2c": [0, 0, 1000], "obj_id": 5}
 
 
-def turned(degrees, axis=2):
+def rotated(degrees, axis=2):
     c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
     a, b = {0: (1, 2), 1: (2, 0), 2: (0, 1)}[axis]
     rotation = np.eye(3)
@@ -22,7 +22,7 @@ def turned(degrees, axis=2):
 
 
 def estimate(degrees, metres=(0, 0, 1), score=1.0, kind=5, axis=2):
-    return BOPEstimate(1, 2, kind, score, turned(degrees, axis), np.array(metres, float))
+    return BOPEstimate(1, 2, kind, score, rotated(degrees, axis), np.array(metres, float))
 
 
 @pytest.mark.parametrize(
@@ -102,13 +102,13 @@ def data_set(tmp_path):
 def test_what_results_leave_out_is_named(data_set, tmp_path, capsys):
     write_bop_results(tmp_path / "r.csv", [estimate(0)])
     main(["evaluate", str(tmp_path / "r.csv"), "--bop", str(data_set), "--out", str(tmp_path / "o")])
-    said = capsys.readouterr().out
-    assert "Not counted, as the results name them nowhere: objects 6." in said
-    assert "1 of 2 images with these objects have no results; they count as not found." in said
+    printed = capsys.readouterr().out
+    assert "Not counted, as the results name them nowhere: objects 6." in printed
+    assert "1 of 2 images with these objects have no results; they count as not found." in printed
 
 
 @pytest.mark.parametrize(
-    ("content", "said"),
+    ("content", "message"),
     [
         ("", "r.csv: there are no results"),
         ("1,2,5,1,0 0 0 0 0 0 0 0 0,0 0 1000,-1", "r.csv, line 1 is no result of BOP"),
@@ -118,11 +118,11 @@ def test_what_results_leave_out_is_named(data_set, tmp_path, capsys):
         ("1,2,5,1,1 0 0 0 1 0 0 0 1,0 0 1.5,-1", "t must be in millimetres, but no object is farther than 1.5 mm"),
     ],
 )
-def test_files_that_are_no_results_are_refused(content, said, data_set, tmp_path, capsys):
+def test_files_that_are_no_results_are_refused(content, message, data_set, tmp_path, capsys):
     (tmp_path / "r.csv").write_text(content)
     with pytest.raises(SystemExit, match="2"):
         main(["evaluate", str(tmp_path / "r.csv"), "--bop", str(data_set), "--out", str(tmp_path / "o")])
-    assert said in capsys.readouterr().err
+    assert message in capsys.readouterr().err
     assert not (tmp_path / "o").exists()
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import onnxruntime
 import pytest
 import torch
+from tiny_model import write_tiny
 from torch import Tensor
 
 import kfit
@@ -15,18 +16,12 @@ from kfit.cli.main import main
 from kfit.core import Generator, Observation, Rendering, Space, Variable
 from kfit.energies import L2, Silhouette
 from kfit.features import EfficientNetLite0
-from kfit.generators import VAE3D, ConvEncoder, ExtentsHead, OnnxGenerator, SimilarityWarp
+from kfit.generators import OnnxGenerator, SimilarityWarp
 from kfit.initializers import Constant
-from kfit.models import write_model
 from kfit.models.export import export_generator
 from kfit.optimizers import CMAES, Adam
-from kfit.pose import Card, CategoryModel
+from kfit.pose import CategoryModel
 
-NETWORKS = {
-    "generator": (VAE3D, {"code_dim": 4, "volume_dims": [8, 8, 4], "projection_dim": 8, "decoder_dims": [8, 8]}),
-    "encoder": (ConvEncoder, {"code_dim": 4, "channels": [8, 8, 8, 8]}),
-    "extents": (ExtentsHead, {"code_dim": 4}),
-}
 ROWS = [1, 2, 5]
 
 
@@ -34,20 +29,14 @@ ROWS = [1, 2, 5]
 def exported(tmp_path_factory: pytest.TempPathFactory) -> tuple[CategoryModel, Path]:
     """A model of random weights and the folder that the command wrote."""
     home = tmp_path_factory.mktemp("export")
-    torch.manual_seed(0)
-    networks = {name: kind(**settings) for name, (kind, settings) in NETWORKS.items()}
-    said = {
-        name: {"class_path": f"kfit.generators.{kind.__name__}", "init_args": settings}
-        for name, (kind, settings) in NETWORKS.items()
-    }
-    write_model(home / "tiny.safetensors", networks, Card("mug", said, 4.0, 1.0, (-15.0, 75.0), "y up", "none", 0.17))
+    write_tiny(home / "tiny.safetensors")
     main(["export", str(home / "tiny.safetensors"), "--out", str(home / "onnx")])
     return kfit.load(home / "tiny.safetensors"), home / "onnx"
 
 
-def run(path: Path, **given: Tensor) -> list[Tensor]:
+def run(path: Path, **args: Tensor) -> list[Tensor]:
     session = onnxruntime.InferenceSession(str(path), providers=["CPUExecutionProvider"])
-    return [torch.from_numpy(a) for a in session.run(None, {name: value.numpy() for name, value in given.items()})]
+    return [torch.from_numpy(a) for a in session.run(None, {name: value.numpy() for name, value in args.items()})]
 
 
 def pose(rows: int, code_dim: int) -> dict[str, Tensor]:
@@ -69,9 +58,9 @@ def test_the_generator_in_onnx_draws_what_pytorch_draws(exported: tuple[Category
     model, folder = exported
     generator = OnnxGenerator(folder / "generator.onnx")
     assert generator.variables == model.generator.variables
-    given = pose(rows, 4)
+    inputs = pose(rows, 4)
     with torch.no_grad():
-        found, expected = generator(**given), model.generator(**given)
+        found, expected = generator(**inputs), model.generator(**inputs)
     close(found.field("image"), expected.field("image"))
     close(found.field("mask"), expected.field("mask"))
 
@@ -82,10 +71,10 @@ def test_encoder_and_features_in_onnx_give_what_pytorch_gives(exported: tuple[Ca
     model, folder = exported
     image = torch.rand(rows, 3, 64, 64)
     with torch.no_grad():
-        code, seen = model.encoder(image), EfficientNetLite0()(image)
+        code, observed = model.encoder(image), EfficientNetLite0()(image)
     for found, expected in zip(run(folder / "encoder.onnx", image=image), code, strict=True):
         close(found, expected)
-    for found, expected in zip(run(folder / "features.onnx", image=image), seen.values(), strict=True):
+    for found, expected in zip(run(folder / "features.onnx", image=image), observed.values(), strict=True):
         close(found, expected)
 
 
@@ -94,10 +83,10 @@ def test_cma_es_fits_through_the_onnx_generator_alone(exported: tuple[CategoryMo
     model, folder = exported
     generator = SimilarityWarp(OnnxGenerator(folder / "generator.onnx"))
     truth = {"shift": torch.tensor([[0.2, -0.1]]), "roll": torch.tensor([0.3]), "scale": torch.tensor([0.8])}
-    given = pose(1, 4)
+    inputs = pose(1, 4)
     with torch.no_grad():
-        seen = SimilarityWarp(model.generator)(**given, **truth)
-    held = generator.bind(**{name: value[0] for name, value in given.items()})
+        observed = SimilarityWarp(model.generator)(**inputs, **truth)
+    held = generator.bind(**{name: value[0] for name, value in inputs.items()})
     pipeline = kfit.FitPipeline(
         held,
         {"image": L2(), "mask": Silhouette()},
@@ -106,7 +95,7 @@ def test_cma_es_fits_through_the_onnx_generator_alone(exported: tuple[CategoryMo
         num_starts=1,
         num_steps=40,
     )
-    found = pipeline(Observation(seen.field("image"), seen.mask), seed=0).values
+    found = pipeline(Observation(observed.field("image"), observed.mask), seed=0).values
     for name, value in truth.items():
         torch.testing.assert_close(found[name], value, rtol=0, atol=0.02)
 
@@ -130,14 +119,14 @@ def test_a_bundled_model_is_exported_whole_and_its_warp_with_it(tmp_path: Path) 
     model = kfit.load("mug")
     main(["export", "mug", "--out", str(tmp_path)])
     export_generator(SimilarityWarp(model.generator), tmp_path / "warped.onnx")
-    given = pose(7, 16) | {"focal": 2 + torch.rand(7)}
+    inputs = pose(7, 16) | {"focal": 2 + torch.rand(7)}
     image = torch.rand(7, 3, 64, 64)
-    turned = {"roll": torch.randn(7), "shift": 0.2 * torch.randn(7, 2), "scale": 0.8 + 0.4 * torch.rand(7)}
+    rotated = {"roll": torch.randn(7), "shift": 0.2 * torch.randn(7, 2), "scale": 0.8 + 0.4 * torch.rand(7)}
     model.generator.train()  # looks at the whole box, as what is exported does
     with torch.no_grad():
-        close(OnnxGenerator(tmp_path / "generator.onnx")(**given).image, model.generator(**given).image)
-        expected = SimilarityWarp(model.generator)(**given, **turned)
-        close(OnnxGenerator(tmp_path / "warped.onnx")(**given, **turned).image, expected.image)
+        close(OnnxGenerator(tmp_path / "generator.onnx")(**inputs).image, model.generator(**inputs).image)
+        expected = SimilarityWarp(model.generator)(**inputs, **rotated)
+        close(OnnxGenerator(tmp_path / "warped.onnx")(**inputs, **rotated).image, expected.image)
         for found, mean in zip(run(tmp_path / "encoder.onnx", image=image), model.encoder(image), strict=True):
             close(found, mean)
 

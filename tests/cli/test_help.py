@@ -7,7 +7,7 @@ import pytest
 
 from kfit.bench.command import BENCHMARKS
 from kfit.cli.main import COMMANDS, TRAINING, main, parser
-from kfit.runtime.help_page import tree
+from kfit.runtime.parser_parts import tree
 
 NAMES = ["", *COMMANDS, *(f"bench {name}" for name in BENCHMARKS)]
 GENERAL = {"-h", "-q", "-v", "--version", "--import"}
@@ -36,9 +36,9 @@ def test_every_option_tells_its_default_and_every_argument_what_it_means(name, c
     actions = [one for one in parser_of(name)._actions if not isinstance(one, argparse._SubParsersAction)]
     assert all(one.help for one in actions)
     options = [one for one in actions if one.option_strings and not GENERAL & set(one.option_strings)]
-    told = [one for one in options if one.required or one.default is not None or "(default: " in one.help]
+    with_default = [one for one in options if one.required or one.default is not None or "(default: " in one.help]
     text = " ".join(page_of(name, capsys).split())
-    assert text.count("(default: ") + text.count("(required)") == len(told)
+    assert text.count("(default: ") + text.count("(required)") == len(with_default)
     assert "(default: none)" not in text
     assert "null" not in text
     assert "type:" not in text
@@ -86,7 +86,7 @@ def test_every_command_shows_the_general_options(capsys):
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "message"),
     [
         ([*["pose", "--category", "mug"]], "pose.photo; `kfit pose --help` shows the usage"),
         (["nonsense"], "invalid choice: 'nonsense'"),
@@ -100,12 +100,12 @@ def test_every_command_shows_the_general_options(capsys):
         (["fit", "--modle.hue", "1"], "--modle.hue 1; did you mean --model? `kfit fit --help` shows the usage"),
     ],
 )
-def test_wrong_words_get_one_sentence_that_names_the_page(words, said, capsys):
+def test_wrong_words_get_one_sentence_that_names_the_page(words, message, capsys):
     with pytest.raises(SystemExit) as ended:
         main(words)
     assert ended.value.code == 2
     out, err = capsys.readouterr()
     assert not out
     assert err.startswith("kfit: ")
-    assert said in err
+    assert message in err
     assert len(err.splitlines()) == 1

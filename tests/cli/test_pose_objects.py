@@ -78,18 +78,18 @@ def test_a_photo_alone_and_a_folder_are_enough(tmp_path: Path, capsys: pytest.Ca
     photos.mkdir()
     imsave(photos / "coffee.png", coffee(), check_contrast=False)
     main(["pose", str(photos / "coffee.png"), "--out", str(tmp_path / "one")])
-    said = capsys.readouterr()
-    assert said.out.startswith("mug ")
-    assert "found a mug (" in said.err
+    printed = capsys.readouterr()
+    assert printed.out.startswith("mug ")
+    assert "found a mug (" in printed.err
     alone = json.loads((tmp_path / "one/pose.json").read_text())
     assert alone["category"] == "mug"
     assert alone["category_score"] > 0.8
     imsave(photos / "mirrored.png", coffee()[:, ::-1], check_contrast=False)
     (photos / "broken.png").write_bytes(b"no picture")
     main(["pose", str(photos), "--out", str(tmp_path / "both")])
-    said = capsys.readouterr()
-    assert "broken.png is not an image" in said.err
-    assert "mirrored.png" in said.out
+    printed = capsys.readouterr()
+    assert "broken.png is not an image" in printed.err
+    assert "mirrored.png" in printed.out
     both = json.loads((tmp_path / "both/pose.json").read_text())
     assert [Path(found["photo"]).name for found in both["objects"]] == ["coffee.png", "mirrored.png"]
     assert imread(tmp_path / "both/mirrored_overlay.png").shape[2] == 3

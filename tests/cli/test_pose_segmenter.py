@@ -49,14 +49,15 @@ def detector(path: Path, name: str) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_pose_takes_the_detection_of_its_category(
     photo: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     segmenter = str(detector(tmp_path / "a.onnx", "cup"))
     main(["pose", str(photo), "--category", "mug", "--segmenter", segmenter, "--out", str(tmp_path), "--json"])
-    said = json.loads(capsys.readouterr().out)
-    assert np.abs(np.array(said["bbox_xywh"]) - (24, 24, 80, 80)).max() <= 2
-    assert not any("whole picture" in note for note in said["notes"])
+    printed = json.loads(capsys.readouterr().out)
+    assert np.abs(np.array(printed["bbox_xywh"]) - (24, 24, 80, 80)).max() <= 2
+    assert not any("whole picture" in note for note in printed["notes"])
 
 
 def test_pose_says_in_a_sentence_why_a_segmenter_does_not_serve(

@@ -73,10 +73,10 @@ def test_two_photos_by_known_cameras_have_one_answer(
 
 def test_masks_and_boxes_are_given_once_for_each_photo(capsys: pytest.CaptureFixture[str]) -> None:
     box = ["--box", "1", "2", "3", "4"]
-    for given in (box, ["--mask", "m.png"], [*box, *box, *box]):
+    for inputs in (box, ["--mask", "m.png"], [*box, *box, *box]):
         with pytest.raises(SystemExit):
-            main(["pose", "a.png", "b.png", *given])
-        assert f"{given[0]} must be given once for each of 2 photos, got" in capsys.readouterr().err
+            main(["pose", "a.png", "b.png", *inputs])
+        assert f"{inputs[0]} must be given once for each of 2 photos, got" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -90,9 +90,9 @@ def test_masks_and_boxes_are_given_once_for_each_photo(capsys: pytest.CaptureFix
 def test_what_does_not_go_with_several_photos_is_refused(
     change: list[str], message: str, photos: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    given = words(photos[:1]) if change == ["b.png"] else [*words(photos), *change]
+    inputs = words(photos[:1]) if change == ["b.png"] else [*words(photos), *change]
     with pytest.raises(SystemExit):
-        main(given)
+        main(inputs)
     assert message in capsys.readouterr().err
 
 

@@ -11,7 +11,7 @@ from kfit.core import Energy, Prior, ResidualEnergy
 from kfit.energies import PSNR, LearnedScore
 
 
-def told(prior, value, prepared):
+def values_of(prior, value, prepared):
     return prior(value) if prepared is None else prior(value, prepared)
 
 
@@ -177,10 +177,10 @@ class TestAPrior:
     def test_gives_one_number_a_row_that_other_rows_do_not_move(self, build):
         prior = build()
         value, prepared = asked(prior)
-        before = told(prior, value, prepared)
+        before = values_of(prior, value, prepared)
         assert before.shape == (3,)
         value, prepared = pytree.tree_map_only(torch.Tensor, lambda tensor: tensor[1:], (value, prepared))
-        torch.testing.assert_close(told(prior, value, prepared), before[1:])
+        torch.testing.assert_close(values_of(prior, value, prepared), before[1:])
 
     def test_passes_gradcheck(self, build):
         prior = build().double()
@@ -188,7 +188,7 @@ class TestAPrior:
         leaves, tree = pytree.tree_flatten(value)
 
         def energy(*leaves):
-            return told(prior, pytree.tree_unflatten(list(leaves), tree), prepared)
+            return values_of(prior, pytree.tree_unflatten(list(leaves), tree), prepared)
 
         assert torch.autograd.gradcheck(energy, [leaf.requires_grad_() for leaf in leaves])
 
@@ -198,7 +198,7 @@ class TestAPrior:
         value, prepared = asked(prior)
         leaves, tree = pytree.tree_flatten(value)
         leaves = [allowed(prior, torch.full_like(leaf, far)).requires_grad_() for leaf in leaves]
-        found = told(prior, pytree.tree_unflatten(leaves, tree), prepared)
+        found = values_of(prior, pytree.tree_unflatten(leaves, tree), prepared)
         assert found.isfinite().all()
         slopes = torch.autograd.grad(found.sum(), leaves, materialize_grads=True)  # an upright head reads no roll
         assert all(slope.isfinite().all() for slope in slopes)

@@ -160,9 +160,9 @@ class TestAGenerator:
         generator = BUILD[kind][0]()
         values = {name: value.requires_grad_() for name, value in random_values(generator, 3).items()}
         for name, picture in fields(generator(**values)).items():
-            seen = {k: v for k, v in values.items() if name == "depth" or k not in IN_DEPTH_ALONE}
-            slopes = torch.autograd.grad(picture.square().sum(), list(seen.values()), retain_graph=True)
-            for variable, slope in zip(seen, slopes, strict=True):
+            observed = {k: v for k, v in values.items() if name == "depth" or k not in IN_DEPTH_ALONE}
+            slopes = torch.autograd.grad(picture.square().sum(), list(observed.values()), retain_graph=True)
+            for variable, slope in zip(observed, slopes, strict=True):
                 assert bool(slope.isfinite().all()), (name, variable)
                 assert bool((slope.reshape(3, -1).abs().sum(1) > 0).all()), (name, variable)
 
@@ -171,8 +171,8 @@ class TestAGenerator:
         values = random_values(generator, 1, torch.float64)
         names = list(values)
 
-        def draw(*given):
-            return tuple(fields(generator(**dict(zip(names, given, strict=True)))).values())
+        def draw(*args):
+            return tuple(fields(generator(**dict(zip(names, args, strict=True)))).values())
 
         assert torch.autograd.gradcheck(draw, [values[name].requires_grad_() for name in names], fast_mode=True)
 
@@ -229,8 +229,8 @@ class TestAGenerator:
     def test_bound_ones_still_give_gradients_to_what_is_free(self, kind):
         generator = BUILD[kind][0]()
         values = random_values(generator, 2)
-        first, *rest = values
-        if not rest:
+        first, *others = values
+        if not others:
             pytest.skip("it has one variable only")
         bound = frozen(generator.bind(**{first: values.pop(first)[0]}))
         free = {name: value.requires_grad_() for name, value in values.items()}
@@ -247,22 +247,24 @@ class TestAGenerator:
                 generator.bind(**{name: value[None]})
 
     def test_autocast_leaves_the_geometry_in_full_precision(self, kind, monkeypatch):
-        generator, seen = BUILD[kind][0](), []
+        generator, recorded = BUILD[kind][0](), []
         for module, name in (("vae3d", "warp_affine3d"), ("similarity_warp", "warp_affine")):
             real = getattr(getattr(kfit.generators, module), name)
 
             def spy(x, matrix, *args, real=real, **settings):
-                seen.append((x.dtype, matrix.dtype, matrix, torch.is_autocast_enabled("cpu")))
+                recorded.append((x.dtype, matrix.dtype, matrix, torch.is_autocast_enabled("cpu")))
                 return real(x, matrix, *args, **settings)
 
             monkeypatch.setattr(f"kfit.generators.{module}.{name}", spy)
         values = random_values(generator, 2)
         generator(**values)
-        plain = len(seen)
+        plain = len(recorded)
         with torch.autocast("cpu", dtype=torch.bfloat16):
             rendering = generator(**values)
         assert rendering.image.dtype == torch.float32
-        for (*_, expected, _), (x_dtype, dtype, matrix, autocast) in zip(seen[:plain], seen[plain:], strict=True):
+        for (*_, expected, _), (x_dtype, dtype, matrix, autocast) in zip(
+            recorded[:plain], recorded[plain:], strict=True
+        ):
             assert (x_dtype, dtype, autocast) == (torch.float32, torch.float32, False)
             torch.testing.assert_close(matrix, expected)
 

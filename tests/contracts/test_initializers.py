@@ -140,9 +140,9 @@ def observation(keys=(11, 12, 13)):
     return Observation(pictures[rows], mask[rows], depth=depth[rows], intrinsics=cameras[rows], keys=keys)
 
 
-def starts(initializer, seen, num_starts=6, seed=0):
-    rngs = [torch.Generator().manual_seed(100 * seed + key) for key in seen.keys]
-    return initializer(VARIABLES, seen, num_starts, rngs)
+def starts(initializer, observed, num_starts=6, seed=0):
+    rngs = [torch.Generator().manual_seed(100 * seed + key) for key in observed.keys]
+    return initializer(VARIABLES, observed, num_starts, rngs)
 
 
 def test_every_shipped_initializer_is_covered_here_and_exported():
@@ -155,19 +155,19 @@ def test_every_shipped_initializer_is_covered_here_and_exported():
 class TestAnInitializer:
     def test_sets_the_variables_that_it_names_in_their_shapes(self, build):
         initializer = build()
-        given = starts(initializer, observation())
-        assert tuple(given) == initializer.on
-        for name, value in given.items():
+        values = starts(initializer, observation())
+        assert tuple(values) == initializer.on
+        for name, value in values.items():
             assert value.shape == (18, *VARIABLES[name].shape)
             assert bool(value.isfinite().all())
 
     def test_gives_a_problem_the_same_numbers_alone_and_in_any_batch(self, build):
         together = starts(build(), observation())
-        turned = starts(build(), observation((13, 11, 12)))
+        rotated = starts(build(), observation((13, 11, 12)))
         alone = starts(build(), observation((12,)))
         for name, value in together.items():
             torch.testing.assert_close(value[6:12], alone[name])
-            torch.testing.assert_close(value[6:12], turned[name][12:])
+            torch.testing.assert_close(value[6:12], rotated[name][12:])
 
     def test_gives_the_same_numbers_for_the_same_seed(self, build):
         first, again = starts(build(), observation()), starts(build(), observation())
@@ -183,9 +183,9 @@ class TestAnInitializer:
     @pytest.mark.parametrize("broken", [math.nan, math.inf, -math.inf])
     @pytest.mark.parametrize("name", ["image", "mask", "depth"])
     def test_a_picture_that_is_no_number_leaves_the_others_their_starts(self, build, name, broken):
-        seen, whole = observation(), starts(build(), observation())
-        getattr(seen, name)[1] = broken
-        for key, value in starts(build(), seen).items():
+        observed, whole = observation(), starts(build(), observation())
+        getattr(observed, name)[1] = broken
+        for key, value in starts(build(), observed).items():
             others = [*range(6), *range(12, 18)]
             torch.testing.assert_close(value[others], whole[key][others], rtol=0, atol=0)
 
@@ -211,9 +211,9 @@ def test_random_starts_differ_with_seed_problem_and_start(build):
 
 class TestConstant:
     def test_fills_numbers_and_takes_lists(self):
-        given = starts(BUILD[Constant][0](), observation(), 2)
-        torch.testing.assert_close(given["scale"], torch.full((6,), 1.5))
-        torch.testing.assert_close(given["shift"], torch.tensor([[0.1, -0.2]]).expand(6, 2))
+        values = starts(BUILD[Constant][0](), observation(), 2)
+        torch.testing.assert_close(values["scale"], torch.full((6,), 1.5))
+        torch.testing.assert_close(values["shift"], torch.tensor([[0.1, -0.2]]).expand(6, 2))
 
     def test_refuses_a_list_of_another_length_by_name(self):
         with pytest.raises(ValueError, match=r"Constant: shift must be a number or of shape \(2,\), got \(3,\)"):
@@ -237,17 +237,17 @@ class TestUniform:
 
 class TestEncoderPosterior:
     def test_starts_at_the_mean_and_spreads_by_the_standard_deviation(self):
-        seen, encoder = observation(), TinyEncoder()
-        mean, log_variance = encoder(seen.image)
-        code = starts(EncoderPosterior(encoder, sigma=0.5), seen, 4000)["code"].view(3, 4000, 3)
+        observed, encoder = observation(), TinyEncoder()
+        mean, log_variance = encoder(observed.image)
+        code = starts(EncoderPosterior(encoder, sigma=0.5), observed, 4000)["code"].view(3, 4000, 3)
         torch.testing.assert_close(code[:, 0], mean)
         torch.testing.assert_close(code.mean(1), mean, rtol=0, atol=0.05)
         torch.testing.assert_close(code.std(1), 0.5 * (0.5 * log_variance).exp(), rtol=0.05, atol=0)
 
     def test_without_spread_starts_all_at_the_mean(self):
-        seen, encoder = observation(), TinyEncoder()
-        code = starts(EncoderPosterior(encoder, sigma=0.0), seen, 3)["code"]
-        torch.testing.assert_close(code, encoder(seen.image)[0].repeat_interleave(3, 0))
+        observed, encoder = observation(), TinyEncoder()
+        code = starts(EncoderPosterior(encoder, sigma=0.0), observed, 3)["code"]
+        torch.testing.assert_close(code, encoder(observed.image)[0].repeat_interleave(3, 0))
 
     def test_asks_for_no_gradients_and_leaves_its_encoder_as_it_was(self):
         encoder = TinyEncoder().train()
@@ -259,14 +259,14 @@ class TestEncoderPosterior:
 
 class TestSphereGrid:
     def test_stays_within_its_bounds(self):
-        given = starts(SphereGrid((-90.0, 30.0), (-15.0, 75.0)), observation(), 50)
-        azimuth, elevation = (given[name].rad2deg() for name in ("azimuth", "elevation"))
+        values = starts(SphereGrid((-90.0, 30.0), (-15.0, 75.0)), observation(), 50)
+        azimuth, elevation = (values[name].rad2deg() for name in ("azimuth", "elevation"))
         assert -90 <= azimuth.min() < azimuth.max() <= 30
         assert -15 <= elevation.min() < elevation.max() <= 75
 
     def test_holds_equally_many_starts_in_equal_areas(self):
-        given = starts(SphereGrid(), observation((11,)), 1000)
-        height, azimuth = given["elevation"].sin(), given["azimuth"]
+        values = starts(SphereGrid(), observation((11,)), 1000)
+        height, azimuth = values["elevation"].sin(), values["azimuth"]
         edges = torch.linspace(math.sin(math.radians(-15)), math.sin(math.radians(75)), 5, dtype=torch.float64)
         for low, high in pairwise(edges):
             for quarter in range(4):
@@ -277,37 +277,41 @@ class TestSphereGrid:
     def test_leaves_no_direction_far_from_a_start(self):
         # 40 starts over the sphere: discs of 4π / 40 each have a radius of 18.2°, and a lattice leaves gaps of less
         # than twice that.
-        given = starts(SphereGrid(elevation_deg=(-90.0, 90.0)), observation((11,)), 40)
+        found = starts(SphereGrid(elevation_deg=(-90.0, 90.0)), observation((11,)), 40)
         direction = torch.stack(
-            [given["elevation"].cos() * given["azimuth"].sin(), given["elevation"].sin(),
-             given["elevation"].cos() * given["azimuth"].cos()], -1
+            [found["elevation"].cos() * found["azimuth"].sin(), found["elevation"].sin(),
+             found["elevation"].cos() * found["azimuth"].cos()], -1
         )  # fmt: skip
         anywhere = torch.nn.functional.normalize(torch.randn(2000, 3, dtype=torch.float64), dim=1)
         nearest = (anywhere @ direction.T).max(1).values.acos().rad2deg()
         assert nearest.max() < 36
 
     def test_on_one_ring_is_the_paper_s_even_grid(self):
-        given = starts(SphereGrid((-180.0, 180.0), (30.0, 30.0)), observation((11,)), 4)
+        values = starts(SphereGrid((-180.0, 180.0), (30.0, 30.0)), observation((11,)), 4)
         torch.testing.assert_close(
-            given["azimuth"].rad2deg(), torch.tensor([-135.0, -45.0, 45.0, 135.0], dtype=torch.float64)
+            values["azimuth"].rad2deg(), torch.tensor([-135.0, -45.0, 45.0, 135.0], dtype=torch.float64)
         )
-        torch.testing.assert_close(given["elevation"].rad2deg(), torch.full((4,), 30.0, dtype=torch.float64))
+        torch.testing.assert_close(values["elevation"].rad2deg(), torch.full((4,), 30.0, dtype=torch.float64))
 
     def test_of_one_azimuth_spreads_the_elevations_as_a_symmetric_category_needs(self):
-        given = starts(SphereGrid((0.0, 0.0), (-90.0, 90.0)), observation((11,)), 4)
-        torch.testing.assert_close(given["azimuth"], torch.zeros(4, dtype=torch.float64))
-        torch.testing.assert_close(given["elevation"].sin(), torch.tensor([-0.75, -0.25, 0.25, 0.75]).double())
+        values = starts(SphereGrid((0.0, 0.0), (-90.0, 90.0)), observation((11,)), 4)
+        torch.testing.assert_close(values["azimuth"], torch.zeros(4, dtype=torch.float64))
+        torch.testing.assert_close(values["elevation"].sin(), torch.tensor([-0.75, -0.25, 0.25, 0.75]).double())
 
     def test_with_roll_holds_equally_many_starts_in_equal_volumes_of_all_rotations(self):
-        given = starts(SphereGrid(elevation_deg=(-90.0, 90.0), roll_deg=(-180.0, 180.0)), observation((11,)), 2000)
-        share = [(given["elevation"].sin() + 1) / 2, given["azimuth"] / math.tau + 0.5, given["roll"] / math.tau + 0.5]
+        values = starts(SphereGrid(elevation_deg=(-90.0, 90.0), roll_deg=(-180.0, 180.0)), observation((11,)), 2000)
+        share = [
+            (values["elevation"].sin() + 1) / 2,
+            values["azimuth"] / math.tau + 0.5,
+            values["roll"] / math.tau + 0.5,
+        ]
         cell = sum((part * 4).long().clamp(max=3) * 4**place for place, part in enumerate(share))
         assert torch.bincount(cell, minlength=64).sub(2000 / 64).abs().max() < 12
 
     def test_with_roll_leaves_no_rotation_far_from_a_start(self):
         # 500 starts over all rotations: balls of π² · 8 / 500 each (the whole is 8π²) have a radius of some 33°.
-        given = starts(SphereGrid(elevation_deg=(-90.0, 90.0), roll_deg=(-180.0, 180.0)), observation((11,)), 500)
-        near = rotation_from_angles(given["azimuth"], given["elevation"], given["roll"])
+        found = starts(SphereGrid(elevation_deg=(-90.0, 90.0), roll_deg=(-180.0, 180.0)), observation((11,)), 500)
+        near = rotation_from_angles(found["azimuth"], found["elevation"], found["roll"])
         anywhere = torch.from_numpy(Rotation.random(300, rng=0).as_matrix())
         least = rotation_error(anywhere[:, None], near).min(1).values.rad2deg()
         assert least.max() < 50

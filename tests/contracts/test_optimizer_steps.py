@@ -76,10 +76,10 @@ class TestAdam:
             Adam(betas=betas)
 
     @pytest.mark.parametrize(
-        ("rates", "said"), [({"x": 0.1, "z": 0.1, "y": 0.1}, "unknown z"), ({"x": 0.1}, "nothing for y")]
+        ("rates", "message"), [({"x": 0.1, "z": 0.1, "y": 0.1}, "unknown z"), ({"x": 0.1}, "nothing for y")]
     )
-    def test_refuses_rates_that_do_not_name_the_variables(self, rates, said):
-        with pytest.raises(ValueError, match=f"rates: {said}; the names are x, y"):
+    def test_refuses_rates_that_do_not_name_the_variables(self, rates, message):
+        with pytest.raises(ValueError, match=f"rates: {message}; the names are x, y"):
             Adam(rates).init(starts(), seeds())
 
 
@@ -121,15 +121,15 @@ class TestLBFGS:
         torch.testing.assert_close(raw["x"], torch.full((5, 2), -2.0, dtype=torch.float64), rtol=0, atol=1e-6)
 
     @pytest.mark.parametrize(
-        ("settings", "said"),
+        ("settings", "message"),
         [
             ({"history": 0}, "(history must be at least 1|max_trials must be at least 1)"),
             ({"max_trials": 0}, "(history must be at least 1|max_trials must be at least 1)"),
             ({"first_step": 0.0}, "first_step must be above 0"),
         ],
     )
-    def test_refuses_settings_that_lead_nowhere(self, settings, said):
-        with pytest.raises(ValueError, match=f"LBFGS: {said}"):
+    def test_refuses_settings_that_lead_nowhere(self, settings, message):
+        with pytest.raises(ValueError, match=f"LBFGS: {message}"):
             LBFGS(**settings)
 
 

@@ -127,13 +127,13 @@ def seeds(rows=5):
     return torch.arange(100, 100 + rows)
 
 
-def walk(optimizer, energy, raw, num_steps, memory=None, seen=None, seed=None):
+def walk(optimizer, energy, raw, num_steps, memory=None, recorded=None, seed=None):
     memory = optimizer.init(raw, seeds(len(raw["y"])) if seed is None else seed) if memory is None else memory
     problem = torch.zeros(len(raw["y"]), dtype=torch.long)
     for _ in range(num_steps):
         raw, evaluation, memory = optimizer.step(evaluation_of(energy), raw, problem, memory)
-        if seen is not None:
-            seen.append(evaluation.energy)
+        if recorded is not None:
+            recorded.append(evaluation.energy)
     return raw, memory
 
 
@@ -163,9 +163,9 @@ class TestAnOptimizer:
                 torch.testing.assert_close(together[name][row : row + 1], value, rtol=1e-12, atol=1e-12)
 
     def test_tells_the_energy_before_the_step(self, build, steps):
-        seen = []
-        walk(build(), quadratic, starts(), 1, seen=seen)
-        torch.testing.assert_close(seen[0], energy_of(quadratic, starts()))
+        recorded = []
+        walk(build(), quadratic, starts(), 1, recorded=recorded)
+        torch.testing.assert_close(recorded[0], energy_of(quadratic, starts()))
 
     def test_has_a_memory_that_leads_with_rows_and_survives_losing_some(self, build, steps):
         optimizer, keep = build(), torch.tensor([4, 1])
@@ -207,7 +207,7 @@ class TestAnOptimizer:
 def ends(optimizer, broken, num_steps=10):
     """Where five rows, each a problem of its own, end when something of the third is no number from step 4 on."""
     raw, problem = starts(), torch.arange(5)
-    memory, spoilt, walked, looks = (
+    memory, spoilt, walked, evaluations = (
         optimizer.init(raw, seeds()),
         torch.inf if broken == "infinite" else torch.nan,
         [],
@@ -215,19 +215,19 @@ def ends(optimizer, broken, num_steps=10):
     )
 
     def evaluate(raw, problem, need="value"):
-        seen = evaluation_of(valley)(raw, problem, need)
-        looks.append(need)
-        if len(walked) < 4 or broken is None or (broken == "a trial" and len(looks) == 1):
-            return seen
-        parts = {"energy": [seen.energy, seen.ranking], "gradient": getattr(seen, "gradient", {}).values()}
-        parts["residuals"] = [getattr(seen, "residuals", None)]
+        recorded = evaluation_of(valley)(raw, problem, need)
+        evaluations.append(need)
+        if len(walked) < 4 or broken is None or (broken == "a trial" and len(evaluations) == 1):
+            return recorded
+        parts = {"energy": [recorded.energy, recorded.ranking], "gradient": getattr(recorded, "gradient", {}).values()}
+        parts["residuals"] = [getattr(recorded, "residuals", None)]
         for tensor in parts[broken] if broken in parts else [part for held in parts.values() for part in held]:
             if tensor is not None:
                 tensor[problem == 2] = spoilt
-        return seen
+        return recorded
 
     while len(walked) < num_steps:
-        looks.clear()
+        evaluations.clear()
         raw, _, memory = optimizer.step(offering(evaluate), raw, problem, memory)
         walked.append(raw)
     return raw
@@ -250,9 +250,9 @@ class TestAutoAdam:
 
     def test_moves_what_changes_nothing_by_one_unit_at_most(self):
         def evaluate(raw, problem, need="value"):
-            seen = evaluation_of(quadratic)(raw, problem, need)
-            seen.rendering = Rendering(0 * seen.rendering.image)
-            return seen
+            recorded = evaluation_of(quadratic)(raw, problem, need)
+            recorded.rendering = Rendering(0 * recorded.rendering.image)
+            return recorded
 
         optimizer = AutoAdam()
         raw, *_ = optimizer.step(offering(evaluate), starts(), torch.zeros(5).long(), optimizer.init(starts(), seeds()))
@@ -267,9 +267,9 @@ class TestAutoAdam:
 @pytest.mark.parametrize("build", [LBFGS, LevenbergMarquardt], ids=["LBFGS", "LevenbergMarquardt"])
 @pytest.mark.parametrize("energy", [quadratic, valley, spot, kink], ids=lambda energy: energy.__name__)
 def test_no_row_s_energy_ever_rises(build, energy):
-    seen = []
-    walk(build(), energy, starts(), 20, seen=seen)
-    assert bool((torch.stack(seen).diff(dim=0) <= 0).all())
+    recorded = []
+    walk(build(), energy, starts(), 20, recorded=recorded)
+    assert bool((torch.stack(recorded).diff(dim=0) <= 0).all())
 
 
 class TestCMAES:
@@ -279,15 +279,15 @@ class TestCMAES:
         assert calls == [("value", 5), ("value", 30)]
 
     def test_gives_each_row_s_population_the_row_s_problem(self):
-        seen = []
+        recorded = []
 
         def evaluate(raw, problem, need="value"):
-            seen.append(problem.tolist())
+            recorded.append(problem.tolist())
             return evaluation_of(quadratic)(raw, problem, need)
 
         optimizer = CMAES(population=4)
         optimizer.step(offering(evaluate), starts(2), torch.tensor([3, 1]), optimizer.init(starts(2), seeds(2)))
-        assert seen == [[3, 1], [3] * 4 + [1] * 4]
+        assert recorded == [[3, 1], [3] * 4 + [1] * 4]
 
     def test_draws_by_the_row_s_seed_alone(self):
         raw, problem = {name: value[:1].expand(3, *value.shape[1:]) for name, value in starts().items()}, torch.zeros(3)
@@ -327,8 +327,8 @@ class TestStages:
             stages.init(starts(), seeds())
 
     @pytest.mark.parametrize(
-        ("stages", "said"), [([], "at least one item"), ([(Adam(), 0)], "steps of Adam must be at least 1")]
+        ("stages", "message"), [([], "at least one item"), ([(Adam(), 0)], "steps of Adam must be at least 1")]
     )
-    def test_refuse_to_be_empty(self, stages, said):
-        with pytest.raises(ValueError, match=said):
+    def test_refuse_to_be_empty(self, stages, message):
+        with pytest.raises(ValueError, match=message):
             Stages(stages)

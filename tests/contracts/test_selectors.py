@@ -47,8 +47,8 @@ class TestASelector:
         for seed in range(5):
             energy, values, problem = rows(seed)
             order = torch.randperm(len(problem), generator=torch.Generator().manual_seed(seed + 50))
-            turned = build()(energy[order], {name: value[order] for name, value in values.items()}, problem[order])
-            assert order[turned].tolist() == build()(energy, values, problem).tolist()
+            rotated = build()(energy[order], {name: value[order] for name, value in values.items()}, problem[order])
+            assert order[rotated].tolist() == build()(energy, values, problem).tolist()
 
     def test_judges_each_problem_alone(self, build):
         energy, values, problem = rows()
@@ -65,7 +65,7 @@ def test_the_lowest_energy_wins_and_of_equals_the_first():
     assert LowestEnergy()(energy, {}, problem).tolist() == [1, 2, 5]
 
 
-def turned(azimuth_deg, elevation_deg=None):
+def rotation_by(azimuth_deg, elevation_deg=None):
     azimuth = torch.tensor(azimuth_deg, dtype=torch.float64).deg2rad()
     return {
         "azimuth": azimuth,
@@ -79,36 +79,36 @@ class TestARotationVote:
 
     def test_lets_the_majority_win_over_the_lowest_energy(self):
         # Rows 1, 2 and 3 look the same way; row 2 is the best of them. Row 0 is better still, and alone.
-        values = turned([90.0, 4.0, 0.0, -4.0, 200.0, 90.0])
+        values = rotation_by([90.0, 4.0, 0.0, -4.0, 200.0, 90.0])
         assert RotationVote()(self.energy, values, self.problem).tolist() == [2]
 
     def test_hears_only_the_best(self):
         # Of three voters 0, 2 and 3, two agree; with all six the three at 120° do.
-        values = turned([120.0, 120.0, 0.0, 4.0, 120.0, 240.0])
+        values = rotation_by([120.0, 120.0, 0.0, 4.0, 120.0, 240.0])
         assert RotationVote(top=3)(self.energy, values, self.problem).tolist() == [2]
         assert RotationVote(top=6)(self.energy, values, self.problem).tolist() == [0]
 
     def test_the_winner_s_best_supporter_is_the_answer(self):
         # Row 3 at 9° has most within 10°: rows 2 (0°) and 1 (18°) do not see each other. Its best supporter is row 2.
-        values = turned([90.0, 18.0, 0.0, 9.0, 200.0, 270.0])
+        values = rotation_by([90.0, 18.0, 0.0, 9.0, 200.0, 270.0])
         assert RotationVote()(self.energy, values, self.problem).tolist() == [2]
 
     def test_between_equals_the_lower_energy_wins(self):
-        values = turned([90.0, 0.0, 180.0, 270.0, 45.0, 135.0])
+        values = rotation_by([90.0, 0.0, 180.0, 270.0, 45.0, 135.0])
         assert RotationVote()(self.energy, values, self.problem).tolist() == [0]
 
     def test_a_symmetric_class_is_evaluated_by_its_axis_alone(self):
         # All azimuths differ; rows 1, 3 and 4 tip alike, which only the symmetric vote can see.
-        values = turned([0.0, 60.0, 120.0, 180.0, 240.0, 300.0], [50.0, 2.0, 80.0, 0.0, 1.0, 70.0])
+        values = rotation_by([0.0, 60.0, 120.0, 180.0, 240.0, 300.0], [50.0, 2.0, 80.0, 0.0, 1.0, 70.0])
         assert RotationVote("y")(self.energy, values, self.problem).tolist() == [3]
         assert RotationVote()(self.energy, values, self.problem).tolist() == [0]
 
     def test_turns_around_the_circle_agree(self):
-        values = turned([90.0, 179.0, -179.0, 541.0, 0.0, 45.0])
+        values = rotation_by([90.0, 179.0, -179.0, 541.0, 0.0, 45.0])
         assert RotationVote()(self.energy, values, self.problem).tolist() == [2]
 
     def test_hears_roll_where_there_is_one(self):
-        values = turned([90.0, 0.0, 0.0, 0.0, 200.0, 270.0])
+        values = rotation_by([90.0, 0.0, 0.0, 0.0, 200.0, 270.0])
         values["roll"] = torch.tensor([0.0, 0.0, 90.0, 0.0, 0.0, 0.0], dtype=torch.float64).deg2rad()
         assert RotationVote()(self.energy, values, self.problem).tolist() == [3]
 

@@ -129,7 +129,7 @@ def test_a_variable_of_an_impossible_shape_is_refused(space, shape):
         Variable(shape, space)
 
 
-class Turned(Generator):
+class Rotated(Generator):
     """Draws where a rotation takes three points, as an image of one row."""
 
     variables = {"rotation": Variable((3, 3), SO3()), "direction": Variable((3,), UnitVector())}  # noqa: RUF012
@@ -155,9 +155,9 @@ def test_every_optimizer_finds_a_rotation_and_a_direction(name):
     optimizer, steps = OPTIMIZERS[name]
     rotation = SO3().to_value(torch.tensor([[0.5, -0.4, 0.6]], dtype=torch.float64))  # 158° from the start
     direction = torch.tensor([[-0.6, 0.0, 0.8]], dtype=torch.float64)
-    seen = Turned()(rotation=rotation, direction=direction).image
+    observed = Rotated()(rotation=rotation, direction=direction).image
     starts = [Constant({"rotation": torch.eye(3).tolist(), "direction": [1.0, 0.0, 0.0]})]
-    pipeline = FitPipeline(Turned(), {"l2": L2()}, starts, optimizer, num_starts=1, num_steps=steps)
-    found = pipeline(Observation(seen), seed=0)
+    pipeline = FitPipeline(Rotated(), {"l2": L2()}, starts, optimizer, num_starts=1, num_steps=steps)
+    found = pipeline(Observation(observed), seed=0)
     torch.testing.assert_close(found.values["rotation"], rotation, rtol=0, atol=0.02)
     torch.testing.assert_close(found.values["direction"], direction, rtol=0, atol=0.02)

@@ -125,8 +125,8 @@ def test_keeping_rows_keeps_them_everywhere_and_with_their_start_numbers(index):
 
 def test_keeping_rows_reaches_into_the_optimizer_s_nested_memory():
     kept = state().keep(torch.tensor([2]))
-    (first, pair), *rest = kept.optimizer["deep"]
-    assert not rest
+    (first, pair), *others = kept.optimizer["deep"]
+    assert not others
     assert first.tolist() == [12]
     assert isinstance(pair, Pair)
     assert pair.first.tolist() == [22]

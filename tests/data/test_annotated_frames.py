@@ -66,10 +66,10 @@ def test_an_answer_is_written_in_the_model_s_own_frame_of_bop(tmp_path):
     box = tuple(int(side) for side in frame.objects[0].box)
     frames.write(tmp_path / "out.csv", frame, [NOCSPrediction("mug", rotation, translation, size, 0.7, box)])
     (one,) = read_bop_results(tmp_path / "out.csv")
-    told = frames.truths[1, 3][0]
+    truth = frames.truths[1, 3][0]
     assert (one.scene_id, one.im_id, one.obj_id, one.score) == (1, 3, 14, 0.7)
-    np.testing.assert_allclose(one.rotation.ravel(), told["cam_R_m2c"], atol=1e-6)
-    np.testing.assert_allclose(1000 * one.translation, told["cam_t_m2c"], atol=1e-4)
+    np.testing.assert_allclose(one.rotation.ravel(), truth["cam_R_m2c"], atol=1e-6)
+    np.testing.assert_allclose(1000 * one.translation, truth["cam_t_m2c"], atol=1e-4)
 
 
 def test_results_of_bop_read_back(tmp_path):
@@ -106,9 +106,9 @@ def test_folders_without_frames_say_what_is_missing(tmp_path):
 
 def test_pictures_of_objectron_in_another_size_are_refused(tmp_path):
     write_objectron(tmp_path)
-    for size, said in (((48, 64), "has 64 x 48 pixels"), ((128, 96), "has 96 x 128 pixels")):
+    for size, size_text in (((48, 64), "has 64 x 48 pixels"), ((128, 96), "has 96 x 128 pixels")):
         save(tmp_path / "images" / "0.jpg", np.zeros((*size, 3), np.uint8))
-        with pytest.raises(ValueError, match=f"0.jpg {said}, but the annotated camera 128 x 96; extract upright"):
+        with pytest.raises(ValueError, match=f"0.jpg {size_text}, but the annotated camera 128 x 96; extract upright"):
             read_first("objectron", tmp_path)
     (tmp_path / "images" / "0.jpg").write_bytes(b"none")
     with pytest.raises(ValueError, match=r"0\.jpg is no picture"):
@@ -116,13 +116,13 @@ def test_pictures_of_objectron_in_another_size_are_refused(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "told",
+    "annotation",
     [{"rotation": np.eye(3)}, {"rotation": np.zeros((3, 3)), "translation": np.ones(3), "size": np.ones(3)}],
     ids=["nothing but a rotation", "no rotation"],
 )
-def test_annotations_of_wild6d_without_a_pose_name_file_and_frame(told, tmp_path):
+def test_annotations_of_wild6d_without_a_pose_name_file_and_frame(annotation, tmp_path):
     write_wild6d(tmp_path)
-    (tmp_path / VICTIMS["wild6d"]).write_bytes(pickle.dumps({"annotations": [told]}))
+    (tmp_path / VICTIMS["wild6d"]).write_bytes(pickle.dumps({"annotations": [annotation]}))
     with pytest.raises(ValueError, match=r"mug-0001-1\.pkl tells no pose of frame 0"):
         read_first("wild6d", tmp_path)
 

@@ -47,7 +47,7 @@ def test_a_category_in_a_module_brings_its_shapes(own_pots):
 
 
 @pytest.mark.parametrize(
-    ("category", "told"),
+    ("category", "message"),
     [
         ("mugg", "did you mean mug"),
         ("nowhere.yaml", "there is no nowhere.yaml"),
@@ -55,8 +55,8 @@ def test_a_category_in_a_module_brings_its_shapes(own_pots):
         ("own_pots.NONE", "but own_pots.NONE is NoneType"),
     ],
 )
-def test_what_names_no_category_gets_a_sentence(own_pots, category, told):
-    with pytest.raises((ValueError, FileNotFoundError), match=told):
+def test_what_names_no_category_gets_a_sentence(own_pots, category, message):
+    with pytest.raises((ValueError, FileNotFoundError), match=message):
         read_category(category)
 
 

@@ -10,8 +10,9 @@ from lightning import LightningModule, Trainer
 from lightning.pytorch.trainer.states import TrainerFn
 
 from kfit.data.datamodule import ViewsDataModule
+from kfit.data.rendered_views import build_views
 from kfit.data.view_pairs import ViewPairs
-from kfit.data.views import Views, build_views
+from kfit.data.views import Views
 from kfit.geometry import CATEGORIES
 
 SMALL = {"num_objects": 6, "num_views": 3, "image_size": 16, "batch_size": 4, "num_val_objects": 2}
@@ -63,10 +64,10 @@ def test_an_epoch_has_every_view_once_as_target_with_another_of_its_object(modul
     sources = pairs.sources(targets)
     assert (sources != targets).all()
     assert torch.equal(sources // 3, targets // 3)
-    seen = torch.cat([batch["azimuth"] for batch in module.train_dataloader()])
+    observed = torch.cat([batch["azimuth"] for batch in module.train_dataloader()])
     # 18 views in batches of 4 leave two out of an epoch.
-    assert len(seen) == 16
-    assert len(seen.unique()) == 16
+    assert len(observed) == 16
+    assert len(observed.unique()) == 16
 
 
 def test_extents_and_pictures_belong_to_one_object(module):
@@ -124,8 +125,8 @@ def test_test_shows_others_of_the_held_out_families(cache):
     fraction = CATEGORIES["can"].unit_fraction
     settings = {"seed": 1_000_000, "held_out": True, "unit_fraction": fraction}
     again = Views(build_views(Path(cache) / "again.h5", "can", 2, 3, 16, **settings))
-    seen = next(iter(module.test_dataloader()))
-    np.testing.assert_array_equal((seen["target"] * 255).byte().permute(0, 2, 3, 1), again.images[:4])
+    observed = next(iter(module.test_dataloader()))
+    np.testing.assert_array_equal((observed["target"] * 255).byte().permute(0, 2, 3, 1), again.images[:4])
     module.setup("validate")
     assert not torch.equal(module.val_pairs.images, module.test_pairs.images)
 

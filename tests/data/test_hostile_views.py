@@ -9,7 +9,8 @@ import h5py
 import numpy as np
 import pytest
 
-from kfit.data.views import Views, build_views
+from kfit.data.rendered_views import build_views
+from kfit.data.views import Views
 
 GOOD = {
     "images": np.full((2, 8, 8, 3), 255, np.uint8),
@@ -66,10 +67,10 @@ def test_values_that_cannot_be_get_a_sentence(
                 write(file, name)
             else:
                 file[name] = value
-    with pytest.raises(ValueError, match=sentence) as said:
+    with pytest.raises(ValueError, match=sentence) as error:
         Views(tmp_path / "views.h5", 2)
-    assert "views.h5" in str(said.value)
-    assert len(str(said.value).splitlines()) == 1
+    assert "views.h5" in str(error.value)
+    assert len(str(error.value).splitlines()) == 1
 
 
 def test_attributes_of_a_strange_type_are_refused_and_built_over(tmp_path: Path) -> None:

@@ -59,7 +59,7 @@ def test_the_last_place_that_tells_how_a_file_stands_counts(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("place", "told"),
+    ("place", "message"),
     [
         ("pots@w", "says that 'w' is up"),
         ("pots@y,w", "says that 'w' is the front"),
@@ -67,18 +67,18 @@ def test_the_last_place_that_tells_how_a_file_stands_counts(tmp_path):
         ("nowhere@z", "folder must be an existing folder"),
     ],
 )
-def test_places_that_cannot_be_get_a_sentence(tmp_path, monkeypatch, place, told):
+def test_places_that_cannot_be_get_a_sentence(tmp_path, monkeypatch, place, message):
     monkeypatch.chdir(tmp_path)
     write(tmp_path / "pots" / "a.stl")
-    with pytest.raises((ValueError, FileNotFoundError), match=told):
+    with pytest.raises((ValueError, FileNotFoundError), match=message):
         find_mesh_files(place, ["teapot"])
 
 
 def test_another_stand_is_another_object_and_y_up_keeps_older_caches(tmp_path):
     path = write(tmp_path / "a.ply")
     (plain,) = source_identity([MeshFile(path)])
-    (turned,) = source_identity([MeshFile(path, up="z")])
-    assert turned == f"{plain} @z,x"
+    (rotated,) = source_identity([MeshFile(path, up="z")])
+    assert rotated == f"{plain} @z,x"
     assert "@" not in plain
 
 

@@ -17,7 +17,8 @@ from PIL import Image
 
 from kfit.data.mesh_files import load_mesh
 from kfit.data.mesh_tree import mesh_identities
-from kfit.data.views import Views, build_views
+from kfit.data.rendered_views import build_views
+from kfit.data.views import Views
 
 MESH = "mtllib m.mtl\nusemtl a\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n"
 
@@ -114,9 +115,9 @@ def test_no_pipe_is_waited_for_as_buffer_or_views(tmp_path: Path) -> None:
         refused: list[str] = []
 
         def attempt(read: Callable[[Path], Any] = read, name: str = name, refused: list[str] = refused) -> None:
-            with pytest.raises((ValueError, OSError)) as said:
+            with pytest.raises((ValueError, OSError)) as error:
                 read(tmp_path / name)
-            refused.append(str(said.value))
+            refused.append(str(error.value))
 
         ends(attempt)
         assert name in refused[0]
@@ -149,7 +150,7 @@ def test_an_identity_changes_with_any_content_of_the_tree_and_with_nothing_else(
     path, copy = (model(tmp_path / name / "models", "../images/t.png") for name in ("id", "copy"))
     first, same = mesh_identities([path, copy])
     assert first == same
-    seen = {first}
+    observed = {first}
     for file, old, new in [
         (path, b"v 0 1 0", b"v 0 2 0"),
         (path.with_name("m.mtl"), b"Kd 1 1 1", b"Kd 1 0 1"),
@@ -157,8 +158,8 @@ def test_an_identity_changes_with_any_content_of_the_tree_and_with_nothing_else(
     ]:
         file.write_bytes(file.read_bytes().replace(old, new))
         (changed,) = mesh_identities([path])
-        assert changed not in seen
-        seen.add(changed)
+        assert changed not in observed
+        observed.add(changed)
     assert mesh_identities([copy]) == [first]
 
 

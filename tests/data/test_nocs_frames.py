@@ -224,7 +224,7 @@ def test_the_real_excerpts_meshes_lie_under_their_masks(dev_data):
 
 def test_the_excerpts_pickle_agrees_with_the_alignment(dev_data):
     frames = NOCSFrames(dev_data / "nocs_sample", "camera_val")
-    told = frames[0]
-    found = read_frame(told.path, told.intrinsics)
-    for a, b in zip(told.objects, found.objects, strict=True):
+    frame = frames[0]
+    found = read_frame(frame.path, frame.intrinsics)
+    for a, b in zip(frame.objects, found.objects, strict=True):
         np.testing.assert_allclose(a.pose, b.pose, atol=1e-6)

@@ -127,6 +127,6 @@ def test_a_missing_file_is_named(tmp_path):
 def test_the_excerpts_pickles_are_read(dev_data):
     files = sorted((dev_data / "nocs_sample/gts/val").glob("*.pkl"))
     for path in files:
-        told = load_pickle(path)
-        assert told["gt_RTs"].shape == (len(told["gt_class_ids"]), 4, 4)
-        assert told["gt_scales"].dtype == np.float32
+        loaded = load_pickle(path)
+        assert loaded["gt_RTs"].shape == (len(loaded["gt_class_ids"]), 4, 4)
+        assert loaded["gt_scales"].dtype == np.float32

@@ -6,9 +6,10 @@ import pytest
 
 from kfit.data import drawn_objects, view_parts
 from kfit.data.rasterizer import pose_view
+from kfit.data.rendered_views import build_views
 from kfit.data.shapes import build
 from kfit.data.view_parts import ViewParts
-from kfit.data.views import Views, build_views
+from kfit.data.views import Views
 
 
 def contents(path):

@@ -72,21 +72,21 @@ def commands_of(text: str) -> list[list[str]]:
     for line in text.replace("\\\n", " ").splitlines():
         words = shlex.split(line.removeprefix("$ "), comments=True)
         for joined, group in groupby(words, "&&".__eq__):
-            said = list(dropwhile(lambda word: re.match(r"\w+=|srun$", word), group))
-            if said and not joined:
-                found.append(said)
+            command = list(dropwhile(lambda word: re.match(r"\w+=|srun$", word), group))
+            if command and not joined:
+                found.append(command)
     return found
 
 
-def kfit_words(said: list[str]) -> list[str] | None:
+def kfit_words(words: list[str]) -> list[str] | None:
     """What a command hands to kfit, or None if it is another program."""
-    program, rest = Path(said[0]).name, said[1:]
+    program, others = Path(words[0]).name, words[1:]
     if program in ("kfit", "lightning"):
-        return rest
-    if program.startswith("python") and rest[:2] == ["-m", "kfit"]:
-        return rest[2:]
-    if program.startswith("python") and rest[:1] == ["-c"] and "kfit.cli.main" in rest[1]:
-        return rest[2:]
+        return others
+    if program.startswith("python") and others[:2] == ["-m", "kfit"]:
+        return others[2:]
+    if program.startswith("python") and others[:1] == ["-c"] and "kfit.cli.main" in others[1]:
+        return others[2:]
     return None
 
 
@@ -154,10 +154,10 @@ def test_what_a_page_tells_to_type_works(page: Path, place: Path, monkeypatch: p
         elif block.language == "yaml":
             yaml.safe_load(block.text)
         elif block.language in ("console", "sh"):
-            for said in commands_of(block.text):
-                words = kfit_words(said)
+            for command in commands_of(block.text):
+                words = kfit_words(command)
                 if words is None:
-                    scripts = [word for word in said[1:] if word.startswith("examples/") and word.endswith(".py")]
+                    scripts = [word for word in command[1:] if word.startswith("examples/") and word.endswith(".py")]
                     assert all((ROOT / script).is_file() for script in scripts), f"{where}: no {scripts}"
                     continue
                 try:

@@ -51,8 +51,8 @@ def test_a_page_has_text_code_outputs_and_a_link_to_the_notebook() -> None:
 
 def test_outputs_are_what_is_printed_and_a_last_picture() -> None:
     names: dict[str, object] = {}
-    (told,) = outputs("a = 2\nprint(a)\na + 1", names, 0)
-    assert told["text"] == ["2\n", "3\n"]
+    (output,) = outputs("a = 2\nprint(a)\na + 1", names, 0)
+    assert output["text"] == ["2\n", "3\n"]
     (shown,) = outputs("from PIL import Image\nImage.new('RGB', (2, 2))", names, 1)
     assert "image/jpeg" in shown["data"]
     with pytest.raises(ZeroDivisionError):

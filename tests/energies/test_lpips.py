@@ -67,12 +67,12 @@ def test_by_hand_it_is_the_mean_over_pixels_of_weighted_squares_of_unit_features
     heads = torch.load(package / "functional/image/lpips_models/alex.pth", map_location="cpu", weights_only=True)
     # the paper's scaling, for pictures in [-1, 1]
     shift, scale = (torch.tensor(c).view(3, 1, 1) for c in ([-0.030, -0.088, -0.188], [0.458, 0.448, 0.450]))
-    shown, seen = ((2 * picture - 1 - shift) / scale for picture in (x, y))
+    shown, second = ((2 * picture - 1 - shift) / scale for picture in (x, y))
     expected, layer = 0, 0
     for module in torchvisions["alex"][0]:
-        shown, seen = module(shown), module(seen)
+        shown, second = module(shown), module(second)
         if isinstance(module, nn.ReLU):
-            difference = nn.functional.normalize(shown, eps=1e-10) - nn.functional.normalize(seen, eps=1e-10)
+            difference = nn.functional.normalize(shown, eps=1e-10) - nn.functional.normalize(second, eps=1e-10)
             head = heads[f"lin{layer}.model.1.weight"]
             expected, layer = expected + (head * difference.square()).sum(1).mean((1, 2)), layer + 1
     torch.testing.assert_close(energy(x, y), expected.detach(), rtol=1e-4, atol=1e-6)
@@ -129,8 +129,8 @@ def test_another_backbone_a_small_picture_and_missing_heads_are_refused(torchvis
 def test_on_the_real_vgg16_a_face_moved_and_dimmed_is_nearer_than_a_cat():
     energy = LPIPS("vgg", str(Path(os.environ["KFIT_DEV_DATA"]) / "weights" / "vgg16_features.safetensors"))
     face, other = (torch.from_numpy(p).permute(2, 0, 1)[None] / 255 for p in (astronaut(), cat()))
-    seen, moved, cats = face[..., 40:104, 180:244], 0.9 * face[..., 41:105, 181:245], other[..., 60:124, 120:184]
-    assert 0.02 < energy(moved, seen).item() < 0.5 * energy(cats, seen).item()
+    observed, moved, cats = face[..., 40:104, 180:244], 0.9 * face[..., 41:105, 181:245], other[..., 60:124, 120:184]
+    assert 0.02 < energy(moved, observed).item() < 0.5 * energy(cats, observed).item()
 
 
 @pytest.mark.skipif("KFIT_DEV_DATA" not in os.environ, reason="KFIT_DEV_DATA names no folder with weights/")

@@ -38,10 +38,12 @@ def test_one_layer_is_the_plain_mean_squared_difference_of_the_released_code():
 
 def test_several_layers_count_alike_each_over_the_mean_square_of_its_target():
     network, (x, y) = Two(), pictures()
-    shown, seen = network(x), network(y)
-    ratios = [(shown[k] - seen[k]).square().mean((1, 2, 3)) / seen[k].square().mean((1, 2, 3)) for k in seen]
+    shown, observed = network(x), network(y)
+    ratios = [
+        (shown[k] - observed[k]).square().mean((1, 2, 3)) / observed[k].square().mean((1, 2, 3)) for k in observed
+    ]
     torch.testing.assert_close(Perceptual(network)(x, y), sum(ratios) / 2)
-    plain = [(shown[k] - seen[k]).square().mean((1, 2, 3)) for k in seen]
+    plain = [(shown[k] - observed[k]).square().mean((1, 2, 3)) for k in observed]
     torch.testing.assert_close(Perceptual(network, normalize=False)(x, y), sum(plain) / 2)
 
 
@@ -70,16 +72,16 @@ def test_the_target_goes_through_the_network_once():
 
 
 def test_its_network_is_a_frozen_copy_and_the_given_one_stays_as_it_was():
-    given = nn.Sequential(nn.Conv2d(3, 4, 3), nn.BatchNorm2d(4))
-    energy, (x, y) = Perceptual(given).train(), pictures()
+    inputs = nn.Sequential(nn.Conv2d(3, 4, 3), nn.BatchNorm2d(4))
+    energy, (x, y) = Perceptual(inputs).train(), pictures()
     assert energy.training
     assert not any(module.training for module in energy.network.modules())
     x.requires_grad_()
     energy(x, y).sum().backward()
     assert x.grad is not None
     assert not any(p.requires_grad for p in energy.parameters())
-    assert given.training
-    assert all(p.requires_grad for p in given.parameters())
+    assert inputs.training
+    assert all(p.requires_grad for p in inputs.parameters())
 
 
 def test_under_bfloat16_the_energy_is_still_summed_in_float32():

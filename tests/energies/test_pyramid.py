@@ -25,9 +25,9 @@ def test_with_weights_a_coarse_pixel_is_the_mean_of_those_that_count():
     weight[..., 3:] = 0
     # a coarse pixel sees nothing of what is hidden, whatever stands there
     for hidden in (0.9, torch.nan):
-        seen = torch.where(weight > 0, y, hidden)
+        observed = torch.where(weight > 0, y, hidden)
         for energy in (L1(), Depth()):
-            torch.testing.assert_close(Pyramid(energy, 2)(x, seen, weight), torch.tensor([0.4]))
+            torch.testing.assert_close(Pyramid(energy, 2)(x, observed, weight), torch.tensor([0.4]))
     y[..., :2] = 0.8
     half = (pyrdown(y * weight) / pyrdown(weight).clamp_min(1e-6)) * (pyrdown(weight) > 0)
     expected = (L1()(x, y, weight) + L1()(pyrdown(x), half, pyrdown(weight))) / 2

@@ -22,18 +22,18 @@ def run(script: str, folder: Path, *words: str) -> str:
     command = [sys.executable, "-W", "error", str(EXAMPLES / script), "made/here", *words]
     done = subprocess.run(command, capture_output=True, text=True, cwd=folder)
     assert done.returncode == 0, done.stderr
-    *said, last = done.stdout.splitlines()
+    *lines, last = done.stdout.splitlines()
     assert Path(last).parent == Path("made/here")
     picture = imread(folder / last)
     height, width = picture.shape[:2]
     assert 200 < height < 2400
     assert 600 < width < 2400
     assert picture[..., :3].std() > 20
-    return "\n".join(said)
+    return "\n".join(lines)
 
 
-def numbers(pattern: str, said: str) -> list[float]:
-    return [float(number) for number in re.findall(pattern, said)]
+def numbers(pattern: str, printed: str) -> list[float]:
+    return [float(number) for number in re.findall(pattern, printed)]
 
 
 def test_examples_are_short_and_say_how_they_are_run() -> None:
@@ -53,9 +53,9 @@ def test_a_fit_composed_by_hand_finds_most_unseen_laptops(tmp_path: Path) -> Non
 
 
 def test_two_photos_are_registered_to_a_fraction_of_a_pixel(tmp_path: Path) -> None:
-    said = run("register_photos.py", tmp_path)
-    assert numbers(r"off by ([\d.]+) pixels", said)[0] < 0.1
-    assert numbers(r"gain ([\d.]+)", said)[0] == pytest.approx(0.8, abs=0.005)
+    printed = run("register_photos.py", tmp_path)
+    assert numbers(r"off by ([\d.]+) pixels", printed)[0] < 0.1
+    assert numbers(r"gain ([\d.]+)", printed)[0] == pytest.approx(0.8, abs=0.005)
 
 
 @pytest.mark.slow
@@ -110,9 +110,9 @@ def test_a_swapped_code_brings_its_colour_along(tmp_path: Path) -> None:
     assert after < before / 2
 
 
-def denoised(said: str) -> list[tuple[float, float]]:
+def denoised(printed: str) -> list[tuple[float, float]]:
     """PSNR and SSIM of the noisy picture, by L1 alone and by kfit's energies."""
-    return list(zip(numbers(r"PSNR ([\d.]+)", said), numbers(r"SSIM ([\d.]+)", said), strict=True))
+    return list(zip(numbers(r"PSNR ([\d.]+)", printed), numbers(r"SSIM ([\d.]+)", printed), strict=True))
 
 
 @pytest.mark.slow

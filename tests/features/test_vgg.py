@@ -104,10 +104,10 @@ def test_without_a_file_torchvisions_is_fetched_and_reported(monkeypatch, tmp_pa
     monkeypatch.setattr(torch.hub, "load_state_dict_from_url", load)
     VGG19(("relu1_1",))
     assert asked == [("https://download.pytorch.org/models/vgg19-dcbb9e9d.pth", True, True)]
-    said = caplog.text
-    assert "548 MB" in said
-    assert asked[0][0] in said
-    assert str(tmp_path) in said
+    logged = caplog.text
+    assert "548 MB" in logged
+    assert asked[0][0] in logged
+    assert str(tmp_path) in logged
 
 
 def test_without_a_network_it_tells_how_to_pass_a_file(monkeypatch, tmp_path):
@@ -125,6 +125,6 @@ def test_the_real_vgg16_finds_a_dimmed_face_nearer_to_itself_than_to_a_cat():
     made = VGG16(weights=str(Path(os.environ["KFIT_DEV_DATA"]) / "weights" / "vgg16_features.safetensors"))
     face, other = (torch.from_numpy(p).permute(2, 0, 1)[None] / 255 for p in (astronaut(), cat()))
     pictures = (face[..., 40:168, 160:288], 0.8 * face[..., 41:169, 162:290], other[..., 60:188, 120:248])
-    seen, moved, cats = (made(picture)["relu3_3"] for picture in pictures)
-    assert seen.shape == (1, 256, 32, 32)
-    assert 0 < (seen - moved).square().mean() < 0.5 * (seen - cats).square().mean()
+    observed, moved, cats = (made(picture)["relu3_3"] for picture in pictures)
+    assert observed.shape == (1, 256, 32, 32)
+    assert 0 < (observed - moved).square().mean() < 0.5 * (observed - cats).square().mean()

@@ -53,7 +53,7 @@ def starts_anywhere():
     return [Uniform("x", -0.6, 0.6), Uniform("y", -0.6, 0.6), Constant({"radius": 0.5}), Uniform("angle", -1.5, 1.5)]
 
 
-class Given(Initializer):
+class FixedStart(Initializer):
     """Starts that the test writes down; variables not named start at 0.3."""
 
     on = ("x", "y", "radius", "angle")

@@ -206,7 +206,7 @@ class TestAGradientThatReachesNoVariable:
 def test_a_callback_returns_the_state():
     class Forgetful(Callback):
         def on_step(self, state: FitState) -> FitState:
-            self.seen = state.step
+            self.recorded = state.step
 
     with pytest.raises(
         TypeError, match=r"Forgetful.on_step returns must be a .*FitState, got NoneType: .*return state"

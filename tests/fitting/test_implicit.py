@@ -12,7 +12,7 @@ from kfit.initializers import Constant
 from kfit.optimizers import LevenbergMarquardt
 
 
-class Turned(Generator):
+class Rotated(Generator):
     """Three bent numbers of a rotation's columns, as a picture."""
 
     variables = {"rotation": Variable((3, 3), SO3()), "light": Variable()}  # noqa: RUF012
@@ -38,8 +38,8 @@ def answers(pipeline, name):
 def test_a_rotation_s_gradient_is_that_of_finite_differences():
     rotation = SO3().to_value(torch.tensor([[0.1, 0.2, -0.1]], dtype=torch.float64))
     noise = 0.05 * torch.randn(1, 1, 3, 3, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
-    target = Turned()(rotation, torch.tensor([0.3], dtype=torch.float64)).image + noise
-    pipeline = fit_of(Turned(), {"rotation": torch.eye(3).tolist(), "light": 0.0})
+    target = Rotated()(rotation, torch.tensor([0.3], dtype=torch.float64)).image + noise
+    pipeline = fit_of(Rotated(), {"rotation": torch.eye(3).tolist(), "light": 0.0})
     for name in ("rotation", "light"):
         assert torch.autograd.gradcheck(answers(pipeline, name), target.clone().requires_grad_(), eps=1e-5, atol=1e-5)
 
@@ -57,7 +57,7 @@ def test_a_registration_s_gradient_is_that_of_finite_differences():
 
 
 def test_an_answer_that_is_no_minimum_is_refused():
-    target = Turned()(torch.eye(3, dtype=torch.float64)[None], torch.zeros(1, dtype=torch.float64)).image
+    target = Rotated()(torch.eye(3, dtype=torch.float64)[None], torch.zeros(1, dtype=torch.float64)).image
     flat = Observation(torch.full_like(target, 0.5))
     pipeline = fit_of(Template(torch.full_like(target[0], 0.5), "translation"), {"shift": 0.0}, 1)
     with pytest.raises(ValueError, match="does not rise in every direction"):

@@ -2,7 +2,7 @@
 
 import pytest
 import torch
-from spot_fits import Cliff, Given, assert_same_path, counting, path, pipeline, spots
+from spot_fits import Cliff, FixedStart, assert_same_path, counting, path, pipeline, spots
 
 from kfit.callbacks import Pruning
 from kfit.core import FitError, Prior
@@ -50,7 +50,7 @@ class TestBrokenRows:
 
     def fit(self, y, **changes):
         energies = {"image": L2(), "cliff": Cliff(0.8)}
-        return pipeline(initializers=[Given(y=y)], num_starts=3, energies=energies, **changes)
+        return pipeline(initializers=[FixedStart(y=y)], num_starts=3, energies=energies, **changes)
 
     def test_are_dropped_reported_and_reach_no_other(self):
         broken, whole = (self.fit(y)(spots(rows=(0, 1)), seed=0) for y in (self.one_broken, self.fine))
@@ -64,7 +64,7 @@ class TestBrokenRows:
     def test_may_break_on_the_way(self):
         # The truth of problem 1 lies at y = 0.35, beyond a cliff at 0.3.
         fit = pipeline(
-            initializers=[Given(y=[0.1, -9.0])],
+            initializers=[FixedStart(y=[0.1, -9.0])],
             num_starts=2,
             energies={"image": L2(), "cliff": Cliff(0.3)},
             num_steps=40,
@@ -81,7 +81,10 @@ class TestBrokenRows:
 
     def test_break_when_only_their_slope_is_no_number(self):
         fit = pipeline(
-            initializers=[Given(y=[0.25, 0.5])], num_starts=2, energies={"image": L2(), "spike": Spike()}, num_steps=3
+            initializers=[FixedStart(y=[0.25, 0.5])],
+            num_starts=2,
+            energies={"image": L2(), "spike": Spike()},
+            num_steps=3,
         )
         result = fit(spots(rows=(0,)), seed=0)
         assert result.dropped == [(0, 0, 0)]
@@ -97,8 +100,8 @@ class TestBrokenRows:
         assert broken.all_problem.tolist() == [1, 1, 1]
 
     def test_of_every_problem_raise_an_error_in_a_sentence(self):
-        said = r"^every start of every problem became NaN or infinite by step 0 of the fit$"
-        with pytest.raises(FitError, match=said):
+        message = r"^every start of every problem became NaN or infinite by step 0 of the fit$"
+        with pytest.raises(FitError, match=message):
             self.fit([0.9] * 6)(spots(rows=(0, 1)), seed=0)
 
     def test_leave_counts_and_pruning_in_order(self):

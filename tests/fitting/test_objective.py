@@ -35,42 +35,42 @@ def objective(terms, weights, rank_weights=None):
 @pytest.mark.parametrize(("need", "graph"), [("value", False), ("residuals", False), ("gradient", True)])
 def test_only_gradients_build_a_graph(need, graph):
     watched = Watched()
-    seen = objective(
+    evaluation = objective(
         {"l2": L2(), "seen": watched}, {"l2": 1.0, "seen": 0.0 if need == "residuals" else 1.0}, {"seen": 1.0}
     )(RAW, PROBLEM, need)
     assert watched.graphs == [graph]
-    assert not any(term.requires_grad for term in seen.terms.values())
-    assert not seen.rendering.image.requires_grad
-    assert hasattr(seen, "gradient") == graph
+    assert not any(term.requires_grad for term in evaluation.terms.values())
+    assert not evaluation.rendering.image.requires_grad
+    assert hasattr(evaluation, "gradient") == graph
 
 
 def test_a_term_that_only_ranks_is_compared_and_not_differentiated():
     watched = Watched()
-    told = objective({"l2": L2(), "ranks": watched}, {"l2": 1.0, "ranks": 0.0}, {"ranks": 2.0})
-    seen = told(RAW, PROBLEM, "gradient")
+    evaluate = objective({"l2": L2(), "ranks": watched}, {"l2": 1.0, "ranks": 0.0}, {"ranks": 2.0})
+    evaluation = evaluate(RAW, PROBLEM, "gradient")
     assert watched.graphs == [False]
-    torch.testing.assert_close(seen.ranking, 2 * seen.terms["ranks"])
-    torch.testing.assert_close(seen.energy, seen.terms["l2"])
+    torch.testing.assert_close(evaluation.ranking, 2 * evaluation.terms["ranks"])
+    torch.testing.assert_close(evaluation.energy, evaluation.terms["l2"])
     alone = objective({"l2": L2()}, {"l2": 1.0})(RAW, PROBLEM, "gradient")
     for name, slope in alone.gradient.items():
-        torch.testing.assert_close(seen.gradient[name], slope)
+        torch.testing.assert_close(evaluation.gradient[name], slope)
 
 
 def test_the_slope_is_zero_where_no_term_has_a_weight():
-    seen = objective({"l2": L2()}, {"l2": 0.0}, {"l2": 1.0})(RAW, PROBLEM, "gradient")
-    assert all((slope == 0).all() for slope in seen.gradient.values())
-    assert (seen.energy == 0).all()
+    evaluation = objective({"l2": L2()}, {"l2": 0.0}, {"l2": 1.0})(RAW, PROBLEM, "gradient")
+    assert all((slope == 0).all() for slope in evaluation.gradient.values())
+    assert (evaluation.energy == 0).all()
 
 
 def test_residuals_square_to_the_energy_with_its_weights_and_priors():
     terms = {"l2": L2(), "prior": CodePrior("shift"), "ranks": L1()}
-    told = objective(terms, {"l2": 3.0, "prior": 0.5, "ranks": 0.0}, {"ranks": 1.0})
-    seen, plain = (told(RAW, PROBLEM, need) for need in ("residuals", "value"))
-    assert seen.residuals.shape == (3, 3 * 64 + 2 + 1)  # a column for what is missing of the least overlap
-    torch.testing.assert_close(seen.residuals.square().sum(1), plain.energy)
-    torch.testing.assert_close(seen.energy, plain.energy)
+    evaluate = objective(terms, {"l2": 3.0, "prior": 0.5, "ranks": 0.0}, {"ranks": 1.0})
+    evaluation, plain = (evaluate(RAW, PROBLEM, need) for need in ("residuals", "value"))
+    assert evaluation.residuals.shape == (3, 3 * 64 + 2 + 1)  # a column for what is missing of the least overlap
+    torch.testing.assert_close(evaluation.residuals.square().sum(1), plain.energy)
+    torch.testing.assert_close(evaluation.energy, plain.energy)
     for name, term in plain.terms.items():
-        torch.testing.assert_close(seen.terms[name], term)
+        torch.testing.assert_close(evaluation.terms[name], term)
 
 
 @pytest.mark.parametrize(
@@ -94,15 +94,15 @@ def test_a_prior_of_no_squares_is_an_error_too():
 
 
 def test_there_are_no_residuals_where_no_term_has_a_weight():
-    seen = objective({"l2": L2()}, {"l2": 0.0}, {"l2": 1.0})(RAW, PROBLEM, "residuals")
-    assert seen.residuals.abs().max() == 0
+    evaluation = objective({"l2": L2()}, {"l2": 0.0}, {"l2": 1.0})(RAW, PROBLEM, "residuals")
+    assert evaluation.residuals.abs().max() == 0
 
 
 def test_the_rendering_is_what_was_drawn():
-    told = objective({"l2": L2()}, {"l2": 1.0})
-    seen = told(RAW, PROBLEM)
-    torch.testing.assert_close(seen.rendering.image, told.prepared.generator(**seen.values).image)
-    assert told.prepared.num_evaluations == 3
+    evaluate = objective({"l2": L2()}, {"l2": 1.0})
+    evaluation = evaluate(RAW, PROBLEM)
+    torch.testing.assert_close(evaluation.rendering.image, evaluate.prepared.generator(**evaluation.values).image)
+    assert evaluate.prepared.num_evaluations == 3
 
 
 @pytest.mark.parametrize("need", ["value", "residuals", "gradient"])
@@ -112,7 +112,7 @@ def test_rows_are_drawn_in_even_chunks_and_none_notices(need, chunk):
     at_once, drawn = objective(terms, weights), []
     in_parts = objective(terms, weights)
     in_parts.prepared.chunk = chunk
-    in_parts.prepared.generator.register_forward_hook(lambda module, given, found: drawn.append(len(found.image)))
+    in_parts.prepared.generator.register_forward_hook(lambda module, args, found: drawn.append(len(found.image)))
     whole, parts = at_once(RAW, PROBLEM, need), in_parts(RAW, PROBLEM, need)
     assert max(drawn) <= chunk
     assert sum(drawn) == in_parts.prepared.num_evaluations == 3
@@ -136,17 +136,17 @@ class Mixed(Energy):
 
     def __init__(self, mixed):
         super().__init__()
-        self.mixed, self.seen = mixed, []
+        self.mixed, self.recorded = mixed, []
 
     def compare(self, prediction, prepared):
-        self.seen.append((torch.is_autocast_enabled("cpu"), prediction.dtype))
+        self.recorded.append((torch.is_autocast_enabled("cpu"), prediction.dtype))
         return (prediction - prepared["target"]).square().mean((1, 2, 3))
 
 
 def test_under_autocast_only_energies_that_say_so_compare_in_it():
     plain, mixed = Mixed(False), Mixed(True)
-    told = objective({"plain": plain, "mixed": mixed}, {"plain": 1.0, "mixed": 1.0})
+    evaluate = objective({"plain": plain, "mixed": mixed}, {"plain": 1.0, "mixed": 1.0})
     with torch.autocast("cpu", torch.bfloat16):
-        told(RAW, PROBLEM, "gradient")
-    assert plain.seen == [(False, torch.float32)]
-    assert mixed.seen == [(True, torch.float32)]
+        evaluate(RAW, PROBLEM, "gradient")
+    assert plain.recorded == [(False, torch.float32)]
+    assert mixed.recorded == [(True, torch.float32)]

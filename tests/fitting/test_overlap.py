@@ -42,22 +42,24 @@ class TestWithAnyEnergy:
         drawn = Template(picture(), "similarity")(**rows({**STILL, "shift": [0.25, 0.0]}))
         for outside in (0.0, 1.0, torch.nan):
             target = torch.where(drawn.weight > 0, drawn.image, outside)
-            seen = evaluate(energy, Observation(target), rows({**STILL, "shift": [0.25, 0.0]}))
+            observed = evaluate(energy, Observation(target), rows({**STILL, "shift": [0.25, 0.0]}))
             least = energy(drawn.image, drawn.image, drawn.weight)
-            torch.testing.assert_close(seen.energy, least)
+            torch.testing.assert_close(observed.energy, least)
 
     def test_leaving_the_frame_never_wins(self, energy):
         out = [{**STILL, "shift": shift} for shift in ([1.9, 0.0], [1.7, 1.7], [5.0, 0.0], [0.0, -1.6])]
         small = [{**STILL, "scale": scale} for scale in (0.4, 0.05, 1e-3)]
         poor = {**STILL, "roll": 2.0, "shift": [0.4, 0.1]}
-        seen = evaluate(energy, Observation(picture()[None].flip(2)), rows(poor, *out, *small))
-        assert seen.ranking[0].isfinite()
-        assert seen.ranking[1:].isinf().all()
-        assert seen.energy.isfinite().all()
+        observed = evaluate(energy, Observation(picture()[None].flip(2)), rows(poor, *out, *small))
+        assert observed.ranking[0].isfinite()
+        assert observed.ranking[1:].isinf().all()
+        assert observed.energy.isfinite().all()
 
     def test_a_flat_picture_does_not_make_leaving_cheap(self, energy):
-        seen = evaluate(energy, Observation(torch.full((1, 3, 32, 32), 0.5)), rows(STILL, {**STILL, "shift": [9.0, 0]}))
-        assert seen.ranking.argmin() == 0
+        observed = evaluate(
+            energy, Observation(torch.full((1, 3, 32, 32), 0.5)), rows(STILL, {**STILL, "shift": [9.0, 0]})
+        )
+        assert observed.ranking.argmin() == 0
 
 
 @pytest.mark.parametrize(
@@ -88,21 +90,21 @@ def test_a_fit_from_many_starts_stays_in_the_frame_and_finds_the_shift(energy, o
 
 def test_the_penalty_leads_back_into_the_frame():
     values = rows({**STILL, "shift": [1.8, 0.0]})
-    seen = evaluate(L2(), Observation(picture()[None]), values, need="gradient")
-    assert seen.ranking.isinf()
-    assert seen.gradient["shift"][0, 0] > 0.1
+    observed = evaluate(L2(), Observation(picture()[None]), values, need="gradient")
+    assert observed.ranking.isinf()
+    assert observed.gradient["shift"][0, 0] > 0.1
     free = evaluate(L2(), Observation(picture()[None]), values, min_overlap=0.0)
     assert free.ranking.isfinite()
-    assert free.energy < seen.energy
+    assert free.energy < observed.energy
 
 
 @pytest.mark.parametrize("need", ["value", "gradient"])
 def test_residuals_square_to_the_energy_with_its_penalty(need):
     values = rows(STILL, {**STILL, "shift": [1.7, 0.2]}, {**STILL, "shift": [0.4, 0.1]})
-    seen = evaluate(NCC(), Observation(picture()[None].flip(2)), values, need=need)
+    observed = evaluate(NCC(), Observation(picture()[None].flip(2)), values, need=need)
     squares = evaluate(NCC(), Observation(picture()[None].flip(2)), values, need="residuals")
-    torch.testing.assert_close(squares.residuals.square().sum(1), seen.energy)
-    torch.testing.assert_close(squares.ranking, seen.ranking)
+    torch.testing.assert_close(squares.residuals.square().sum(1), observed.energy)
+    torch.testing.assert_close(squares.ranking, observed.ranking)
 
 
 def test_the_gradient_is_that_of_the_energy_with_its_changing_overlap():
@@ -125,13 +127,13 @@ def test_the_gradient_is_that_of_the_energy_with_its_changing_overlap():
 
 def test_the_observations_weight_and_the_renderings_multiply():
     values = rows({**STILL, "shift": [0.5, 0.0]})
-    seen = picture()[None].flip(3)
+    observed = picture()[None].flip(3)
     weight = torch.ones(1, 1, 32, 32)
     weight[..., :20, :] = 0
-    hidden = torch.where(weight > 0, seen, torch.nan)
+    hidden = torch.where(weight > 0, observed, torch.nan)
     drawn = Template(picture(), "similarity")(**values)
     found = evaluate(L2(), Observation(hidden, weight=weight), values)
-    torch.testing.assert_close(found.energy, L2()(drawn.image, seen, weight * drawn.weight))
+    torch.testing.assert_close(found.energy, L2()(drawn.image, observed, weight * drawn.weight))
 
 
 def test_overlap_is_of_what_the_observation_counts():
@@ -143,9 +145,9 @@ def test_overlap_is_of_what_the_observation_counts():
 
 
 def test_where_nothing_is_observed_no_row_wins():
-    seen = evaluate(L2(), Observation(picture()[None], weight=torch.zeros(1, 1, 32, 32)), rows(STILL))
-    assert seen.ranking.isinf().all()
-    assert seen.energy.isfinite().all()
+    observed = evaluate(L2(), Observation(picture()[None], weight=torch.zeros(1, 1, 32, 32)), rows(STILL))
+    assert observed.ranking.isinf().all()
+    assert observed.energy.isfinite().all()
 
 
 def test_a_generator_without_a_weight_is_compared_everywhere():
@@ -158,9 +160,9 @@ def test_a_generator_without_a_weight_is_compared_everywhere():
     objective = Objective(
         PreparedTerms(Plain(), {"l2": L2()}, Observation(torch.ones(1, 3, 8, 8))), {"l2": 1.0}, {"l2": 1.0}, 1.0
     )
-    seen = objective({"grey": torch.tensor([0.5])}, torch.zeros(1, dtype=torch.long), "residuals")
-    assert seen.residuals.shape == (1, 192)
-    torch.testing.assert_close(seen.ranking, torch.tensor([0.25]))
+    evaluation = objective({"grey": torch.tensor([0.5])}, torch.zeros(1, dtype=torch.long), "residuals")
+    assert evaluation.residuals.shape == (1, 192)
+    torch.testing.assert_close(evaluation.ranking, torch.tensor([0.25]))
 
 
 def test_a_similarity_warp_counts_what_is_outside_and_keeps_hidden_colours_out():

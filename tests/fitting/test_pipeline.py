@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import pytest
 import torch
-from spot_fits import TRUTH, Cliff, Given, Spot, assert_same_path, counting, path, pipeline, spots, starts_anywhere
+from spot_fits import TRUTH, Cliff, FixedStart, Spot, assert_same_path, counting, path, pipeline, spots, starts_anywhere
 
 from kfit.callbacks import Progress, Pruning
 from kfit.core import Callback, Energy, FitError, Observation, Selector
@@ -50,7 +50,7 @@ class TestTheAnswer:
         torch.testing.assert_close(L2()(drawn, spots().image), result.energy)
 
     def test_is_the_best_start_itself_without_steps(self):
-        fit = pipeline(num_steps=0, num_starts=2, initializers=[Given(x=[0.3, 0.0, 0.5, -0.4])])
+        fit = pipeline(num_steps=0, num_starts=2, initializers=[FixedStart(x=[0.3, 0.0, 0.5, -0.4])])
         result = fit(spots(rows=(0, 1)), seed=0)
         assert result.values["x"].tolist() == pytest.approx([0.3, -0.4])
         assert result.start.tolist() == [0, 1]
@@ -136,24 +136,24 @@ class TestTheWork:
         fit, calls = pipeline(num_starts=num_starts, num_steps=num_steps), []
         energy = fit.energies["image"]
         real = energy.prepare
-        monkeypatch.setattr(energy, "prepare", lambda *given: calls.append(len(given[0])) or real(*given))
+        monkeypatch.setattr(energy, "prepare", lambda *args: calls.append(len(args[0])) or real(*args))
         fit(spots(), seed=0)
         assert calls == [3]
 
     def test_targets_are_gathered_anew_only_when_the_survivors_change(self, monkeypatch):
-        fit, seen = pipeline(callbacks=[Pruning({3: 2, 5: 2, 7: 1})]), []
+        fit, recorded = pipeline(callbacks=[Pruning({3: 2, 5: 2, 7: 1})]), []
         energy = fit.energies["image"]
         real = energy.compare
 
         def spy(prediction, prepared):
-            seen.append(prepared["target"])  # held, so that no other tensor can take its place in memory
+            recorded.append(prepared["target"])  # held, so that no other tensor can take its place in memory
             return real(prediction, prepared)
 
         monkeypatch.setattr(energy, "compare", spy)
         fit(spots(), seed=0)
-        gathered = [seen[0], *(b for a, b in pairwise(seen) if a is not b)]
+        gathered = [recorded[0], *(b for a, b in pairwise(recorded) if a is not b)]
         assert [len(target) for target in gathered] == [12, 6, 3]
-        assert len(seen) == 13
+        assert len(recorded) == 13
 
     def test_every_start_is_drawn_once_a_step_and_once_at_the_end(self):
         fit = pipeline()
@@ -188,34 +188,34 @@ class TestTheWork:
     def test_callbacks_are_called_at_the_start_at_each_step_and_at_the_end(self):
         class Log(Callback):
             def __init__(self):
-                self.said = []
+                self.calls = []
 
             def on_start(self, state):
-                self.said.append(("start", state.step, len(state.problem), set(state.raw)))
+                self.calls.append(("start", state.step, len(state.problem), set(state.raw)))
 
             def on_step(self, state):
-                self.said.append(state.step)
+                self.calls.append(state.step)
                 return state
 
             def on_end(self, result):
-                self.said.append(result)
+                self.calls.append(result)
 
         log = Log()
         result = pipeline(num_steps=2, callbacks=[log])(spots(), seed=0)
-        assert log.said == [("start", 0, 12, set(TRUTH)), 0, 1, 2, result]
+        assert log.calls == [("start", 0, 12, set(TRUTH)), 0, 1, 2, result]
 
 
 def test_a_weight_map_hides_what_is_in_front_of_the_object():
-    seen = spots(rows=(0,))
-    hidden = torch.zeros_like(seen.mask)
+    observed = spots(rows=(0,))
+    hidden = torch.zeros_like(observed.mask)
     hidden[..., 9:, 10:] = 1
-    image = torch.where(hidden > 0, torch.tensor([0.0, 1.0, 0.0], dtype=torch.float64)[:, None, None], seen.image)
+    image = torch.where(hidden > 0, torch.tensor([0.0, 1.0, 0.0], dtype=torch.float64)[:, None, None], observed.image)
     settings = {"num_starts": 6, "num_steps": 150}
-    masked = pipeline(**settings)(Observation(image, weight=1 - hidden, keys=seen.keys), seed=0)
+    masked = pipeline(**settings)(Observation(image, weight=1 - hidden, keys=observed.keys), seed=0)
     assert masked.energy.max() < 1e-5
     for name in ("x", "y", "radius"):
         assert float(masked.values[name]) == pytest.approx(TRUTH[name][0], abs=1e-2)
-    misled = pipeline(**settings)(Observation(image, keys=seen.keys), seed=0)
+    misled = pipeline(**settings)(Observation(image, keys=observed.keys), seed=0)
     assert abs(float(misled.values["x"]) - TRUTH["x"][0]) > 0.05
 
 
@@ -223,7 +223,7 @@ def test_twenty_steps_walk_the_path_of_torch_s_adam_with_parameter_groups():
     rates = {"x": 0.1, "y": 0.03, "radius": 0.05, "angle": 0.02}
     begin = {"x": [-0.2, 0.4], "y": [0.1, 0.2], "radius": [0.5, 0.35], "angle": [0.2, -0.6]}
     result = pipeline(
-        initializers=[Given(**begin)], optimizer=Adam(rates, betas=(0.5, 0.999)), num_starts=2, num_steps=20
+        initializers=[FixedStart(**begin)], optimizer=Adam(rates, betas=(0.5, 0.999)), num_starts=2, num_steps=20
     )(spots(rows=(0,)), seed=0)
 
     generator, target = Spot().eval(), spots(rows=(0,)).image
@@ -268,9 +268,9 @@ class TestProgress:
         settings = {"num_starts": 1, "num_steps": 2, "energies": {"image": L2(), "cliff": Cliff(0.5)}}
         progress = [Progress()]
         with pytest.raises(FitError):
-            pipeline(**settings, initializers=[Given(y=[0.9])], callbacks=progress)(spots(rows=(0,)), seed=0)
-        pipeline(**settings, initializers=[Given(y=[0.0])], callbacks=progress)(spots(rows=(0,)), seed=0)
-        pipeline(**settings, initializers=[Given(y=[0.0])], callbacks=[Progress()])(spots(rows=(0,)), seed=0)
+            pipeline(**settings, initializers=[FixedStart(y=[0.9])], callbacks=progress)(spots(rows=(0,)), seed=0)
+        pipeline(**settings, initializers=[FixedStart(y=[0.0])], callbacks=progress)(spots(rows=(0,)), seed=0)
+        pipeline(**settings, initializers=[FixedStart(y=[0.0])], callbacks=[Progress()])(spots(rows=(0,)), seed=0)
         out, err = capsys.readouterr()
         assert not out
         assert "1 starts · energy" in err

@@ -2,7 +2,7 @@
 
 import pytest
 import torch
-from spot_fits import SIDE, Given, pipeline, spots, starts_anywhere
+from spot_fits import SIDE, FixedStart, pipeline, spots, starts_anywhere
 
 from kfit.core import Observation, Prior, Schedule
 from kfit.energies import L2, Silhouette
@@ -54,7 +54,7 @@ class TestWeights:
 
     def test_of_zero_throughout_cost_nothing(self, monkeypatch):
         fit = pipeline(energies=BOTH, weights={"mask": 0.0})
-        monkeypatch.setattr(fit.energies["mask"], "compare", lambda *given: pytest.fail("compared in vain"))
+        monkeypatch.setattr(fit.energies["mask"], "compare", lambda *args: pytest.fail("compared in vain"))
         assert set(fit(spots(), seed=0).history.terms) == {"image"}
 
     def test_for_ranking_change_the_winner_and_not_the_paths(self):
@@ -74,7 +74,7 @@ class TestWeights:
 
 class TestMistakes:
     @pytest.mark.parametrize(
-        ("changes", "said"),
+        ("changes", "message"),
         [
             ({"weights": {"picture": 1.0}}, r"weights: unknown picture; the names are image$"),
             ({"rank_weights": {"mask": 1.0}}, r"rank_weights: unknown mask; the names are image$"),
@@ -97,8 +97,8 @@ class TestMistakes:
             ({"num_steps": -1}, r"num_steps must be at least 0"),
         ],
     )
-    def test_are_reported_when_the_pipeline_is_built(self, changes, said):
-        with pytest.raises(ValueError, match=said):
+    def test_are_reported_when_the_pipeline_is_built(self, changes, message):
+        with pytest.raises(ValueError, match=message):
             pipeline(**changes)
 
     def test_a_field_that_was_not_seen_is_an_error_that_lists_those_that_were(self):
@@ -114,8 +114,8 @@ class TestMistakes:
             pipeline(energies={"far": Far()})(Observation(spots().image, depth=spots().mask), seed=0)
 
     def test_starts_of_a_wrong_shape_are_an_error_that_names_the_initializer(self):
-        fit = pipeline(initializers=[Given(x=[0.0, 0.1])])
-        with pytest.raises(ValueError, match=r"Given must give 'x' in shape \(12,\), got \(2,\)"):
+        fit = pipeline(initializers=[FixedStart(x=[0.0, 0.1])])
+        with pytest.raises(ValueError, match=r"FixedStart must give 'x' in shape \(12,\), got \(2,\)"):
             fit(spots(), seed=0)
 
     def test_an_observation_without_pictures_is_an_error(self):

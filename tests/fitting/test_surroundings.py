@@ -46,15 +46,15 @@ class TestSurroundings:
         fit = pipeline(energies={"image": L2(), "mask": Silhouette()})
         expected = fit(spots(), seed=0)
         with inside():
-            for seen in (spots(), Observation(spots().image, spots().mask + 0, keys=spots().keys)):
-                torch.testing.assert_close(fit(seen, seed=0).energy, expected.energy, rtol=0, atol=0)
+            for observed in (spots(), Observation(spots().image, spots().mask + 0, keys=spots().keys)):
+                torch.testing.assert_close(fit(observed, seed=0).energy, expected.energy, rtol=0, atol=0)
         assert torch.is_grad_enabled()
 
     def test_a_picture_from_outside_and_a_mask_from_inside_inference_mode_go_together(self):
-        fit, seen = pipeline(energies={"image": L2(), "mask": Silhouette()}), spots()
-        expected = fit(seen, seed=0)
+        fit, observed = pipeline(energies={"image": L2(), "mask": Silhouette()}), spots()
+        expected = fit(observed, seed=0)
         with torch.inference_mode():
-            mixed = Observation(seen.image, seen.mask.clone(), keys=seen.keys)
+            mixed = Observation(observed.image, observed.mask.clone(), keys=observed.keys)
         assert mixed.mask.is_inference()
         assert not mixed.image.is_inference()
         torch.testing.assert_close(fit(mixed, seed=0).energy, expected.energy, rtol=0, atol=0)
@@ -67,10 +67,10 @@ class TestSurroundings:
 
     def test_four_threads_at_once_get_the_answers_that_they_get_alone(self):
         fit = pipeline(callbacks=[Pruning({4: 2})])
-        seen = [spots(rows=rows) for rows in ((0,), (1, 2), (2, 0, 1), (1,))]
-        alone = [fit(observation, seed=number) for number, observation in enumerate(seen)]
+        observed = [spots(rows=rows) for rows in ((0,), (1, 2), (2, 0, 1), (1,))]
+        alone = [fit(observation, seed=number) for number, observation in enumerate(observed)]
         with ThreadPoolExecutor(4) as pool:
-            together = list(pool.map(lambda number: fit(seen[number], seed=number), range(4)))
+            together = list(pool.map(lambda number: fit(observed[number], seed=number), range(4)))
         for one, other in zip(together, alone, strict=True):
             torch.testing.assert_close(one.history.energy, other.history.energy, rtol=0, atol=0, equal_nan=True)
             assert one.start.tolist() == other.start.tolist()

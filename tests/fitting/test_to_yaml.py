@@ -49,9 +49,9 @@ def read(text, folder):
     parser = ArgumentParser(exit_on_error=False)
     parser.add_class_arguments(FitPipeline, skip={"generator"}, instantiate=False)
     parser.add_argument("--config", action="config")
-    said = parser.instantiate(parser.parse_args(["--config", str(file)])).as_dict()
-    said.pop("config")
-    return FitPipeline(Template(picture(), "similarity"), **said)
+    arguments = parser.instantiate(parser.parse_args(["--config", str(file)])).as_dict()
+    arguments.pop("config")
+    return FitPipeline(Template(picture(), "similarity"), **arguments)
 
 
 def test_what_is_written_and_read_again_fits_bit_by_bit_alike(tmp_path):

@@ -92,8 +92,8 @@ def test_an_edge_lies_where_the_mask_is_a_half():
 
 def test_roll_shift_and_scale_are_those_of_a_similarity_warp(drawer):
     plain = drawer.bind(roll=torch.tensor(0.0), shift=torch.zeros(2), scale=torch.tensor(1.0))
-    given = values(0.5, 0.4, roll=0.4, shift=(0.15, -0.1), scale=0.8)
-    own, warped = drawer(**given), SimilarityWarp(plain)(**given)
+    inputs = values(0.5, 0.4, roll=0.4, shift=(0.15, -0.1), scale=0.8)
+    own, warped = drawer(**inputs), SimilarityWarp(plain)(**inputs)
     assert float((own.mask - warped.mask).abs().mean()) < 0.01
     assert float((own.image - warped.image).abs().mean()) < 0.005
     both = (own.mask > 0.99) & (warped.mask > 0.99)
@@ -101,22 +101,22 @@ def test_roll_shift_and_scale_are_those_of_a_similarity_warp(drawer):
 
 
 def test_what_leaves_the_picture_is_gone_and_nan_stays_in_its_row(drawer):
-    given = {name: value.repeat(3, *[1] * (value.dim() - 1)) for name, value in values(0.5, 0.4).items()}
-    given["shift"] = torch.tensor([[0.0, 0.0], [9.0, -9.0], [math.nan, math.inf]], requires_grad=True)
-    drawn = drawer(**given)
+    inputs = {name: value.repeat(3, *[1] * (value.dim() - 1)) for name, value in values(0.5, 0.4).items()}
+    inputs["shift"] = torch.tensor([[0.0, 0.0], [9.0, -9.0], [math.nan, math.inf]], requires_grad=True)
+    drawn = drawer(**inputs)
     assert bool((drawn.image[1] == 1).all())
     torch.testing.assert_close(drawn.mask[0], drawer(**values(0.5, 0.4)).mask[0])
     drawn.mask[:2].sum().backward()
-    assert bool(given["shift"].grad[:2].isfinite().all())
+    assert bool(inputs["shift"].grad[:2].isfinite().all())
 
 
 @pytest.mark.parametrize(
     ("name", "away"), [("elevation", 0.1), ("roll", 0.1), ("scale", 0.1), ("shift", 0.06), ("shift", -0.06)]
 )
 def test_the_gradient_of_the_overlap_points_back_to_the_pose(drawer, name, away):
-    given = values(0.5, 0.4)
-    target = drawer(**given).mask
-    moved = given | {name: (given[name] + away).requires_grad_()}
+    inputs = values(0.5, 0.4)
+    target = drawer(**inputs).mask
+    moved = inputs | {name: (inputs[name] + away).requires_grad_()}
     (drawer(**moved).mask - target).square().sum().backward()
     assert bool((moved[name].grad * away > 0).all())
 

@@ -12,13 +12,13 @@ from kfit.core import Angle, Positive, Real, Variable, frozen
 from kfit.generators import OnnxGenerator, SimilarityWarp
 
 SIDE = 8
-TOLD = {
+DESCRIPTION = {
     "place": {"shape": [2], "space": "Real", "settings": {}},
     "size": {"shape": [], "space": "Positive", "settings": {}},
 }
 
 
-def write(path, told=TOLD, outputs=("image", "mask")):
+def write(path, description=DESCRIPTION, outputs=("image", "mask")):
     """mask = exp(−‖pixel − place‖² / size), image = 1 − mask · (0, 0.5, 1)."""
     grid = np.stack(np.meshgrid(*[np.linspace(-1, 1, SIDE)] * 2), 0)[None].astype(np.float32)
     constants = {
@@ -51,8 +51,8 @@ def write(path, told=TOLD, outputs=("image", "mask")):
         [numpy_helper.from_array(array, name) for name, array in constants.items()],
     )
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 20)], ir_version=10)
-    if told is not None:
-        helper.set_model_props(model, {"kfit_variables": json.dumps(told)})
+    if description is not None:
+        helper.set_model_props(model, {"kfit_variables": json.dumps(description)})
     onnx.save(model, path)
     return path
 
@@ -92,20 +92,20 @@ def test_draws_in_the_type_of_the_values(disc):
 
 
 def test_can_be_frozen_bound_and_warped(disc):
-    given = values(3)
-    bound = frozen(SimilarityWarp(disc)).bind(size=given["size"][1], scale=torch.tensor(1.0))
-    drawn = bound(place=given["place"], roll=torch.zeros(3), shift=torch.zeros(3, 2))
-    image, _ = expected(given["place"], given["size"][1].expand(3))
+    inputs = values(3)
+    bound = frozen(SimilarityWarp(disc)).bind(size=inputs["size"][1], scale=torch.tensor(1.0))
+    drawn = bound(place=inputs["place"], roll=torch.zeros(3), shift=torch.zeros(3, 2))
+    image, _ = expected(inputs["place"], inputs["size"][1].expand(3))
     torch.testing.assert_close(drawn.image, image)
 
 
 def test_refuses_to_give_gradients_rather_than_give_wrong_ones(disc):
-    given = values(2)
-    given["size"].requires_grad_()
+    inputs = values(2)
+    inputs["size"].requires_grad_()
     with pytest.raises(RuntimeError, match="has no gradients: fit it with an optimizer that needs none"):
-        disc(**given)
+        disc(**inputs)
     with torch.no_grad():
-        disc(**given)
+        disc(**inputs)
 
 
 def test_refuses_wrong_names_and_shapes_in_a_sentence(disc):
@@ -119,11 +119,11 @@ def test_another_file_gets_one_sentence(tmp_path):
     with pytest.raises(FileNotFoundError, match="no ONNX file at"):
         OnnxGenerator(tmp_path / "nothing.onnx")
     (tmp_path / "text.onnx").write_text("no model")
-    strange = {"place": TOLD["place"] | {"space": "Sphere"}, "size": TOLD["size"]}
+    strange = {"place": DESCRIPTION["place"] | {"space": "Sphere"}, "size": DESCRIPTION["size"]}
     for path in (
         tmp_path / "text.onnx",
-        write(tmp_path / "plain.onnx", told=None),
-        write(tmp_path / "strange.onnx", told=strange),
+        write(tmp_path / "plain.onnx", description=None),
+        write(tmp_path / "strange.onnx", description=strange),
     ):
         with pytest.raises(ValueError, match=f"{path.name} is no generator that `kfit export` wrote") as raised:
             OnnxGenerator(path)
@@ -133,10 +133,10 @@ def test_another_file_gets_one_sentence(tmp_path):
 
 
 def test_angles_and_bounds_are_in_the_file_too(tmp_path):
-    told = {
+    description = {
         "place": {"shape": [2], "space": "Bounded", "settings": {"low": -1.0, "high": 2.0}},
-        "size": TOLD["size"] | {"space": "Angle"},
+        "size": DESCRIPTION["size"] | {"space": "Angle"},
     }
-    variables = OnnxGenerator(write(tmp_path / "told.onnx", told)).variables
+    variables = OnnxGenerator(write(tmp_path / "described.onnx", description)).variables
     assert variables["size"].space == Angle()
     assert variables["place"].space.to_value(torch.tensor(0.0)) == 0.5

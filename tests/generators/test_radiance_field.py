@@ -185,17 +185,17 @@ def test_evaluation_skips_empty_space_and_draws_and_slopes_the_same(monkeypatch)
     values = raw | {"focal": torch.tensor([1.5, 3.0, 6.0])}
     looked = []
     sampled = ray_march._sampled
-    monkeypatch.setattr(ray_march, "_sampled", lambda *given: looked.append(len(given[1])) or sampled(*given))
+    monkeypatch.setattr(ray_march, "_sampled", lambda *args: looked.append(len(args[1])) or sampled(*args))
     pictures, slopes = [], []
     for training in (True, False):
         field.train(training)
         leaves = {name: value.clone().requires_grad_() for name, value in values.items()}
-        seen = field(**leaves)
+        observed = field(**leaves)
         # Depth where next to nothing is drawn is that of the few samples that count.
-        depth = seen.depth * (seen.mask > 0.01)
-        energy = (seen.image - 0.3).square().sum() + seen.mask.sum() + depth.square().sum()
+        depth = observed.depth * (observed.mask > 0.01)
+        energy = (observed.image - 0.3).square().sum() + observed.mask.sum() + depth.square().sum()
         slopes.append(torch.autograd.grad(energy, list(leaves.values())))
-        pictures.append(seen)
+        pictures.append(observed)
     assert looked == [pytest.approx(0.15 * 3 * 24 * 64**2, rel=0.5)]
     for name in ("image", "mask"):
         torch.testing.assert_close(pictures[1].field(name), pictures[0].field(name), rtol=0, atol=2e-3)
@@ -206,9 +206,9 @@ def test_evaluation_skips_empty_space_and_draws_and_slopes_the_same(monkeypatch)
 def test_an_empty_box_is_drawn_white():
     field = RadianceField().eval()
     nothing = torch.zeros(2, 4, 32, 32, 32, requires_grad=True)
-    seen = field._picture(nothing, {"azimuth": torch.zeros(2), "elevation": torch.zeros(2)}, field.rays)
-    assert bool((seen.image == 1).all())
-    assert bool((seen.mask == 0).all())
-    assert bool((seen.depth == 0).all())
-    seen.image.sum().backward()
+    observed = field._picture(nothing, {"azimuth": torch.zeros(2), "elevation": torch.zeros(2)}, field.rays)
+    assert bool((observed.image == 1).all())
+    assert bool((observed.mask == 0).all())
+    assert bool((observed.depth == 0).all())
+    observed.image.sum().backward()
     assert nothing.grad.abs().sum() == 0

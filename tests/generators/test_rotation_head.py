@@ -30,8 +30,8 @@ def test_gives_log_probabilities_over_bins_of_all_rotations(symmetry, bins) -> N
 def test_turning_the_picture_by_a_right_angle_turns_the_distribution() -> None:
     head = small(upright=0.0).eval()
     image = torch.rand(1, 3, 16, 16)
-    there, turned = (head(picture).view(12, -1) for picture in (image, image.rot90(1, (2, 3))))
-    torch.testing.assert_close(turned, there.roll(3, 0), rtol=1e-3, atol=1e-3)
+    there, rotated = (head(picture).view(12, -1) for picture in (image, image.rot90(1, (2, 3))))
+    torch.testing.assert_close(rotated, there.roll(3, 0), rtol=1e-3, atol=1e-3)
 
 
 def test_standing_objects_are_likelier_by_the_prior_alone() -> None:
@@ -88,9 +88,9 @@ def test_learns_the_rotations_of_two_pictures_at_all_rolls(symmetry) -> None:
     adam = torch.optim.Adam(head.parameters(), 5e-3)
     for _ in range(80):
         turn = 2 * math.pi * torch.rand(16)
-        turned = warp(Rendering(views), turn, torch.zeros(16, 2), torch.ones(16)).image
+        rotated = warp(Rendering(views), turn, torch.zeros(16, 2), torch.ones(16)).image
         adam.zero_grad()
-        head.divergence(turned, *angles, roll.repeat(8) + turn).mean().backward()
+        head.divergence(rotated, *angles, roll.repeat(8) + turn).mean().backward()
         adam.step()
     found = rotation_of(PosePosterior(head.eval())({}, Observation(pictures), 1, [torch.Generator()] * 2))
     truth = rotation_from_angles(azimuth, elevation, roll).double()

@@ -33,7 +33,7 @@ def warped(drawn, roll_deg=0.0, shift=(0.0, 0.0), scale=1.0):
     )
 
 
-def measured(drawn):
+def moments(drawn):
     """Centre in half-sides from the middle (right, up) and root of the area of the mask, in pixels."""
     mask = drawn.mask[0, 0]
     height, width = mask.shape
@@ -54,34 +54,34 @@ def test_no_turn_shift_or_scale_gives_the_picture_itself():
 
 class TestSigns:
     def test_scale_two_doubles_sizes_and_distances_from_the_middle(self):
-        _, _, size = measured(spot())
-        u, v, doubled = measured(warped(spot(0.2, -0.1), scale=2.0))
+        _, _, size = moments(spot())
+        u, v, doubled = moments(warped(spot(0.2, -0.1), scale=2.0))
         assert (u, v) == pytest.approx((0.4, -0.2), abs=1e-3)
         assert doubled == pytest.approx(2 * size, rel=1e-3)
 
     def test_a_shift_of_half_moves_right_by_a_quarter_of_the_width(self):
         moved = warped(spot(), shift=(0.5, 0.0))
-        assert measured(moved)[:2] == pytest.approx((0.5, 0.0), abs=1e-3)
+        assert moments(moved)[:2] == pytest.approx((0.5, 0.0), abs=1e-3)
         # By whole pixels the picture is the same, 16 of 64 further on.
         torch.testing.assert_close(moved.image[..., 16:], spot().image[..., :-16], rtol=0, atol=1e-9)
 
     def test_a_shift_along_y_is_up(self):
         moved = warped(spot(), shift=(0.0, 0.5))
-        assert measured(moved)[:2] == pytest.approx((0.0, 0.5), abs=1e-3)
+        assert moments(moved)[:2] == pytest.approx((0.0, 0.5), abs=1e-3)
         torch.testing.assert_close(moved.image[..., :-16, :], spot().image[..., 16:, :], rtol=0, atol=1e-9)
 
     def test_a_quarter_turn_is_anticlockwise(self):
         moved = warped(spot(0.5, 0.0), roll_deg=90)
-        assert measured(moved)[:2] == pytest.approx((0.0, 0.5), abs=1e-3)
+        assert moments(moved)[:2] == pytest.approx((0.0, 0.5), abs=1e-3)
         torch.testing.assert_close(moved.image, torch.rot90(spot(0.5, 0.0).image, 1, (2, 3)), rtol=0, atol=1e-9)
 
     def test_turns_and_scales_about_the_middle_and_then_shifts(self):
-        u, v, _ = measured(warped(spot(0.3, 0.1), roll_deg=90, shift=(0.2, -0.1), scale=1.5))
+        u, v, _ = moments(warped(spot(0.3, 0.1), roll_deg=90, shift=(0.2, -0.1), scale=1.5))
         assert (u, v) == pytest.approx((0.2 - 1.5 * 0.1, -0.1 + 1.5 * 0.3), abs=1e-3)
 
     def test_shifts_an_oblong_picture_by_half_of_each_side(self):
         drawn = spot(wide=2.0, size=(32, 64))
-        assert measured(warped(drawn, shift=(0.25, 0.5)))[:2] == pytest.approx((0.25, 0.5), abs=2e-3)
+        assert moments(warped(drawn, shift=(0.25, 0.5)))[:2] == pytest.approx((0.25, 0.5), abs=2e-3)
 
 
 class TestOutside:
@@ -144,7 +144,7 @@ def test_moves_the_picture_as_the_pose_read_from_it_moves_the_object(roll_deg, s
     # A point of the object beside its centre, drawn straight on at scale 1, then warped; and the same point brought
     # into the photo by the pose, seen through so long a lens that there is no perspective left.
     point, fraction = torch.tensor([0.2, 0.1, 0.0], dtype=torch.float64), 0.9
-    u, v, _ = measured(warped(spot(*(2 * fraction * point[:2]).tolist(), wide=2.0), roll_deg, shift, scale))
+    u, v, _ = moments(warped(spot(*(2 * fraction * point[:2]).tolist(), wide=2.0), roll_deg, shift, scale))
 
     crop = Crop((210.0, 160.0), 120.0, SIZE)
     focal = 1e7
@@ -154,16 +154,16 @@ def test_moves_the_picture_as_the_pose_read_from_it_moves_the_object(roll_deg, s
         zero, zero, zero + math.radians(roll_deg), torch.tensor([shift], dtype=torch.float64), zero + scale, crop,
         intrinsics, 1.0, fraction,
     )  # fmt: skip
-    seen = intrinsics @ (rotation[0] @ point + translation[0])
-    x, y = (seen[:2] / seen[2]).tolist()
+    observed = intrinsics @ (rotation[0] @ point + translation[0])
+    x, y = (observed[:2] / observed[2]).tolist()
     assert ((x - 210) / 60, (160 - y) / 60) == pytest.approx((u, v), abs=2e-3)
 
 
 def test_gradients_are_those_of_finite_differences():
     drawn = spot(0.1, 0.2, size=(9, 12))
-    given = [torch.tensor(value, dtype=torch.float64, requires_grad=True) for value in ([0.3], [[0.13, -0.21]], [1.1])]
-    assert torch.autograd.gradcheck(lambda *values: warp(drawn, *values).image, given)
-    assert torch.autograd.gradcheck(lambda *values: warp(drawn, *values).mask, given)
+    inputs = [torch.tensor(value, dtype=torch.float64, requires_grad=True) for value in ([0.3], [[0.13, -0.21]], [1.1])]
+    assert torch.autograd.gradcheck(lambda *values: warp(drawn, *values).image, inputs)
+    assert torch.autograd.gradcheck(lambda *values: warp(drawn, *values).mask, inputs)
 
 
 class Counted(Generator):

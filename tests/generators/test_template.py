@@ -160,7 +160,7 @@ class TestOversampling:
 
 
 @pytest.mark.parametrize(
-    ("given", "error", "said"),
+    ("inputs", "error", "message"),
     [
         ({"picture": torch.rand(20, 30)}, ValueError, r"picture must have shape \(B, C, H, W\)"),
         ({"picture": torch.zeros(3, 4, 4, dtype=torch.uint8)}, TypeError, "picture must be a floating-point tensor"),
@@ -174,9 +174,9 @@ class TestOversampling:
         ({"mask": torch.rand(3, 20, 30)}, ValueError, r"mask must have shape \(1, 20, 30\)"),
     ],
 )
-def test_what_cannot_be_drawn_is_refused_in_a_sentence(given, error, said):
-    with pytest.raises(error, match=said):
-        Template(**{"picture": picture(), **given})
+def test_what_cannot_be_drawn_is_refused_in_a_sentence(inputs, error, message):
+    with pytest.raises(error, match=message):
+        Template(**{"picture": picture(), **inputs})
 
 
 @pytest.mark.parametrize("motion", MOVED)

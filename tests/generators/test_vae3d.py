@@ -98,32 +98,32 @@ def place(volume):
     return right, -down, -depth
 
 
-def turned(at, azimuth_deg=0.0, elevation_deg=0.0):
+def rotated(at, azimuth_deg=0.0, elevation_deg=0.0):
     angles = (torch.tensor([math.radians(a)], dtype=torch.float64) for a in (azimuth_deg, elevation_deg, 0.0))
     return place(turn_volume(blob(*at), rotation_from_angles(*angles)))
 
 
 class TestTurning:
     def test_positive_azimuth_moves_what_is_near_the_viewer_to_the_right(self):
-        x, y, z = turned((0, 0, 4), azimuth_deg=30)
+        x, y, z = rotated((0, 0, 4), azimuth_deg=30)
         assert (x, y, z) == pytest.approx((2, 0, 2 * math.sqrt(3)), abs=0.05)
 
     def test_positive_azimuth_moves_what_is_far_from_the_viewer_to_the_left(self):
-        assert turned((0, 0, -4), azimuth_deg=90) == pytest.approx((-4, 0, 0), abs=0.05)
+        assert rotated((0, 0, -4), azimuth_deg=90) == pytest.approx((-4, 0, 0), abs=0.05)
 
     def test_positive_elevation_tips_the_top_towards_the_viewer(self):
-        assert turned((0, 4, 0), elevation_deg=30) == pytest.approx((0, 2 * math.sqrt(3), 2), abs=0.05)
+        assert rotated((0, 4, 0), elevation_deg=30) == pytest.approx((0, 2 * math.sqrt(3), 2), abs=0.05)
 
     def test_turns_first_by_azimuth_about_the_object_s_axis_then_by_elevation(self):
-        assert turned((0, 0, 4), azimuth_deg=90, elevation_deg=90) == pytest.approx((4, 0, 0), abs=0.05)
-        assert turned((4, 0, 0), azimuth_deg=90, elevation_deg=90) == pytest.approx((0, 4, 0), abs=0.05)
+        assert rotated((0, 0, 4), azimuth_deg=90, elevation_deg=90) == pytest.approx((4, 0, 0), abs=0.05)
+        assert rotated((4, 0, 0), azimuth_deg=90, elevation_deg=90) == pytest.approx((0, 4, 0), abs=0.05)
 
     @pytest.mark.parametrize(("azimuth", "elevation"), [(40, 0), (0, 35), (-75, 50), (160, -15)])
     def test_moves_points_as_the_rotation_matrix_does(self, azimuth, elevation):
         at = (2.0, -1.0, 3.0)
         rotation = rotation_from_angles(*torch.tensor([azimuth, elevation, 0.0], dtype=torch.float64).deg2rad())
         expected = rotation @ torch.tensor(at, dtype=torch.float64)
-        assert turned(at, azimuth, elevation) == pytest.approx(expected.tolist(), abs=0.05)
+        assert rotated(at, azimuth, elevation) == pytest.approx(expected.tolist(), abs=0.05)
 
     @pytest.mark.parametrize(("azimuth", "elevation"), [(40, 0), (0, 35), (-60, 50), (130, -15)])
     def test_turns_in_the_sense_in_which_meshes_are_drawn(self, azimuth, elevation):
@@ -137,7 +137,7 @@ class TestTurning:
         )
         rows, columns = np.nonzero(view.mask > 0.5 * view.mask.max())
         drawn = np.array([columns.mean() - 31.5, 31.5 - rows.mean()]) / (0.95 * 64)
-        x, y, _ = turned(20 * at, azimuth, elevation)
+        x, y, _ = rotated(20 * at, azimuth, elevation)
         # The camera is 4 diagonals away: perspective moves the ball by less than a tenth of its way.
         np.testing.assert_allclose(drawn, np.array([x, y]) / 20, atol=0.03)
 

@@ -42,8 +42,8 @@ def test_values_come_back_from_their_matrix(motion):
 def test_gradients_of_volumes_are_those_of_finite_differences(motion):
     drawer, values = template(motion), values_near_none(motion, 1)
 
-    def draw(*given):
-        rendering = drawer(**dict(zip(values, given, strict=True)))
+    def draw(*args):
+        rendering = drawer(**dict(zip(values, args, strict=True)))
         return rendering.image, rendering.mask
 
     assert torch.autograd.gradcheck(draw, [value.requires_grad_() for value in values.values()], fast_mode=True)

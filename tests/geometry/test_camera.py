@@ -42,9 +42,9 @@ def ideal_fit(rotation: torch.Tensor, translation: torch.Tensor, crop: Crop) -> 
     focal = UNIT_FRACTION * crop.side * ((distance / DIAGONAL) ** 2 - 1 / 4).sqrt()
     camera = torch.diag(torch.stack((focal, focal, torch.ones_like(focal))))
     drawn = project(box_corners(turn.mT @ rotation, straight, SIZE), camera)
-    seen = project(box_corners(rotation, translation, SIZE), INTRINSICS) - centre
+    observed = project(box_corners(rotation, translation, SIZE), INTRINSICS) - centre
     # Least-squares scale and turn between the two, as complex numbers.
-    z, w = torch.view_as_complex(drawn.contiguous()), torch.view_as_complex(seen.contiguous())
+    z, w = torch.view_as_complex(drawn.contiguous()), torch.view_as_complex(observed.contiguous())
     factor = (z.conj() * w).sum() / (z.abs() ** 2).sum()
     azimuth, elevation, roll = angles_from_rotation(from_opencv(turn.mT @ rotation))
     middle = torch.tensor(crop.centre, dtype=torch.float64)

@@ -87,29 +87,29 @@ def test_a_linear_ramp_lands_where_the_transform_says() -> None:
 def test_no_background_bleeds_into_the_object() -> None:
     image, mask = photo(), box_mask(31, 30, 72, 61)
     image[mask > 0] = torch.tensor([0.0, 1.0, 0.0])
-    seen = Crop.around(mask, 48).cut(image, mask)
-    assert seen.mask is not None
-    expected = 1 - seen.mask * torch.tensor([1.0, 0, 1.0])[:, None, None]
-    torch.testing.assert_close(seen.image, expected, atol=1e-5, rtol=0)
+    observed = Crop.around(mask, 48).cut(image, mask)
+    assert observed.mask is not None
+    expected = 1 - observed.mask * torch.tensor([1.0, 0, 1.0])[:, None, None]
+    torch.testing.assert_close(observed.image, expected, atol=1e-5, rtol=0)
 
 
 def test_the_mask_keeps_its_area_and_its_place() -> None:
     mask = box_mask(31, 30, 72, 61)
     crop = Crop.around(mask, 64)
-    seen = crop.cut(photo(), mask)
-    assert seen.mask is not None
-    assert seen.mask.shape == (1, 1, 64, 64)
-    assert float(seen.mask.sum()) * (crop.side / 64) ** 2 == pytest.approx(41 * 31, rel=0.03)
-    columns = (seen.mask[0, 0].sum(0) * torch.arange(64.0)).sum() / seen.mask.sum()
+    observed = crop.cut(photo(), mask)
+    assert observed.mask is not None
+    assert observed.mask.shape == (1, 1, 64, 64)
+    assert float(observed.mask.sum()) * (crop.side / 64) ** 2 == pytest.approx(41 * 31, rel=0.03)
+    columns = (observed.mask[0, 0].sum(0) * torch.arange(64.0)).sum() / observed.mask.sum()
     assert float(columns) == pytest.approx(31.5, abs=0.05)
 
 
 def test_beyond_the_photos_border_the_ground_is_white_and_the_mask_empty() -> None:
     mask = box_mask(0, 0, 40, 90)
-    seen = Crop.around(mask, 64).cut(photo(), mask)
-    assert seen.mask is not None
-    assert float(seen.mask[0, 0, :, 0].max()) == 0
-    assert float(seen.image[0, :, :, 0].min()) == 1
+    observed = Crop.around(mask, 64).cut(photo(), mask)
+    assert observed.mask is not None
+    assert float(observed.mask[0, 0, :, 0].max()) == 0
+    assert float(observed.image[0, :, :, 0].min()) == 1
 
 
 def test_numpy_arrays_serve_as_well() -> None:

@@ -42,8 +42,8 @@ def test_angles_come_back_from_the_rotation() -> None:
     elevation = torch.linspace(-1.5, 1.5, 11)[:, None]
     roll = torch.linspace(-3.1, 3.1, 13)
     found = angles_from_rotation(rotation_from_angles(azimuth, elevation, roll))
-    for value, given in zip(found, (azimuth, elevation, roll), strict=True):
-        torch.testing.assert_close(value, given.expand(41, 11, 13), atol=1e-5, rtol=0)
+    for value, inputs in zip(found, (azimuth, elevation, roll), strict=True):
+        torch.testing.assert_close(value, inputs.expand(41, 11, 13), atol=1e-5, rtol=0)
 
 
 @pytest.mark.parametrize("off", [0.0, 1e-7, 1e-4])
@@ -78,9 +78,9 @@ def test_the_error_keeps_its_digits_near_zero_and_half_a_turn(angle: float) -> N
 def test_turning_about_the_vertical_axis_is_no_error_under_y_symmetry() -> None:
     a = rotation_from_angles(*angles(0.3, 0.4, 0.1))
     assert float(rotation_error(a, rotation_from_angles(*angles(2.9, 0.4, 0.1)), "y")) < 1e-12
-    tipped = rotation_from_angles(*angles(2.9, 0.9, 0.1))
-    assert float(rotation_error(a, tipped, "y")) == pytest.approx(0.5)
-    assert float(rotation_error(a, tipped)) > 2
+    tilted = rotation_from_angles(*angles(2.9, 0.9, 0.1))
+    assert float(rotation_error(a, tilted, "y")) == pytest.approx(0.5)
+    assert float(rotation_error(a, tilted)) > 2
 
 
 def test_errors_broadcast_over_rows() -> None:

@@ -27,9 +27,9 @@ def test_a_symmetric_object_is_turned_by_the_least_angle_that_moves_its_axis():
 
 def test_a_turn_of_the_picture_is_a_turn_about_the_viewing_axis():
     here = rotations()
-    turned = rotation_from_angles(*torch.tensor([[0.0], [0.0], [0.2]]).double()) @ here
+    rotated = rotation_from_angles(*torch.tensor([[0.0], [0.0], [0.2]]).double()) @ here
     expected = torch.tensor([[0.0, 0.0, 0.2]]).double().expand(6, 3)
-    torch.testing.assert_close(rotation_update(here, turned), expected)
+    torch.testing.assert_close(rotation_update(here, rotated), expected)
 
 
 @pytest.mark.parametrize("symmetry", ["none", "y"])
@@ -49,6 +49,6 @@ def test_pixels_of_weight_0_are_white_and_no_object():
     weight = torch.ones(1, 1, 4, 4)
     weight[..., 1, 2] = 0
     image[..., 1, 2] = torch.nan
-    seen = refiner_input(image, mask, weight)
-    assert seen[0, :, 1, 2].tolist() == [1, 1, 1, 0]
-    assert torch.equal(seen[..., 0], torch.cat([image, mask], 1)[..., 0])
+    observed = refiner_input(image, mask, weight)
+    assert observed[0, :, 1, 2].tolist() == [1, 1, 1, 0]
+    assert torch.equal(observed[..., 0], torch.cat([image, mask], 1)[..., 0])

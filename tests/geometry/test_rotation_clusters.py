@@ -13,14 +13,14 @@ from kfit.geometry import (
 )
 
 
-def turned(azimuth_deg: list[float], elevation_deg: float = 0.0) -> Tensor:
+def rotated(azimuth_deg: list[float], elevation_deg: float = 0.0) -> Tensor:
     azimuth = torch.tensor(azimuth_deg, dtype=torch.float64).deg2rad()
     elevation = torch.full_like(azimuth, elevation_deg).deg2rad()
     return rotation_from_angles(azimuth, elevation, torch.zeros_like(azimuth))
 
 
 def test_a_cluster_gathers_around_its_best_and_takes_what_is_left() -> None:
-    rotation = turned([0, 18, 35, 90, -18, 100])
+    rotation = rotated([0, 18, 35, 90, -18, 100])
     energy = torch.tensor([1.0, 2.0, 3.0, 0.5, 4.0, 6.0])
     # Row 3 is best and takes row 5; row 0 takes rows 1 and 4, and 35°, near row 1 but not row 0, stays alone.
     assert rotation_clusters(rotation, energy).tolist() == [1, 1, 2, 0, 1, 0]
@@ -28,7 +28,7 @@ def test_a_cluster_gathers_around_its_best_and_takes_what_is_left() -> None:
 
 
 def test_symmetry_makes_one_cluster_of_all_azimuths() -> None:
-    rotation, energy = turned([0, 60, 120, 300], 30.0), torch.arange(4.0)
+    rotation, energy = rotated([0, 60, 120, 300], 30.0), torch.arange(4.0)
     assert rotation_clusters(rotation, energy, "y").tolist() == [0, 0, 0, 0]
     assert rotation_clusters(rotation, energy).tolist() == [0, 1, 2, 3]
 
@@ -40,9 +40,9 @@ def test_weights_fall_by_e_for_each_tenth_of_the_best_energy() -> None:
 
 
 def test_the_spread_is_the_weighted_root_mean_square_of_the_angles() -> None:
-    rotation, weight = turned([0, 10, -20, 170]), torch.tensor([1.0, 2.0, 1.0, 0.0])
-    spread = rotation_sigma_deg(rotation, weight, rotation[0])
-    assert spread.item() == pytest.approx(((2 * 100 + 400) / 4) ** 0.5)
+    rotation, weight = rotated([0, 10, -20, 170]), torch.tensor([1.0, 2.0, 1.0, 0.0])
+    sigma = rotation_sigma_deg(rotation, weight, rotation[0])
+    assert sigma.item() == pytest.approx(((2 * 100 + 400) / 4) ** 0.5)
     assert rotation_sigma_deg(rotation, weight, rotation[0], "y").item() == pytest.approx(0, abs=1e-9)
 
 

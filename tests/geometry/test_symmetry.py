@@ -19,17 +19,17 @@ def rotation(azimuth, elevation=0.3, roll=0.2):
 
 @pytest.mark.parametrize("fold", [2, 3, 4, 12])
 def test_turns_of_a_symmetric_object_are_no_error_and_others_are(fold):
-    turned = rotation(0.7) @ turns_about_y(fold)
-    assert rotation_error(rotation(0.7), turned, f"y{fold}").max() < 1e-7
+    rotated = rotation(0.7) @ turns_about_y(fold)
+    assert rotation_error(rotation(0.7), rotated, f"y{fold}").max() < 1e-7
     half = math.pi / fold
     assert rotation_error(rotation(0.7), rotation(0.7 + half), f"y{fold}").item() == pytest.approx(half)
     assert rotation_error(rotation(0.7), rotation(0.7 + half)).item() == pytest.approx(half)
 
 
 def test_a_rotation_vector_leads_to_the_nearest_pose_of_the_same_look():
-    turned = rotation(0.7 + math.pi + 0.1)
-    assert rotation_offset(turned, rotation(0.7), "y2").norm().item() == pytest.approx(0.1)
-    assert rotation_offset(turned, rotation(0.7), "none").norm().item() == pytest.approx(math.pi - 0.1)
+    rotated = rotation(0.7 + math.pi + 0.1)
+    assert rotation_offset(rotated, rotation(0.7), "y2").norm().item() == pytest.approx(0.1)
+    assert rotation_offset(rotated, rotation(0.7), "none").norm().item() == pytest.approx(math.pi - 0.1)
 
 
 @pytest.mark.parametrize("fold", [2, 4])
@@ -71,7 +71,7 @@ def test_a_category_is_plain_data_and_reads_back():
 
 
 @pytest.mark.parametrize(
-    ("values", "told"),
+    ("values", "message"),
     [
         ({"name": "te apot", "mean_diagonal": 1.0}, "name must be a word"),
         ({"name": "a", "mean_diagonal": 0.0}, "mean_diagonal must lie between"),
@@ -81,8 +81,8 @@ def test_a_category_is_plain_data_and_reads_back():
         ({"name": "a", "mean_diagonal": 1.0, "size": 3}, "unknown size; the names are axes"),
     ],
 )
-def test_a_category_that_cannot_be_gets_a_sentence(values, told):
-    with pytest.raises(ValueError, match=told):
+def test_a_category_that_cannot_be_gets_a_sentence(values, message):
+    with pytest.raises(ValueError, match=message):
         Category.of_dict(values)
 
 

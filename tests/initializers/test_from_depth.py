@@ -25,8 +25,8 @@ class Step(Generator):
 
 def distances(depth):
     depth = torch.tensor(depth)
-    seen = Observation(torch.ones(len(depth), 3, 4, 4), depth=depth[:, None])
-    return FromDepth(Step(), [Constant({"scale": 2.0})])(Step().variables, seen, 2, [])
+    observed = Observation(torch.ones(len(depth), 3, 4, 4), depth=depth[:, None])
+    return FromDepth(Step(), [Constant({"scale": 2.0})])(Step().variables, observed, 2, [])
 
 
 def test_the_drawn_surface_is_put_on_the_observed_one():
@@ -37,8 +37,8 @@ def test_the_drawn_surface_is_put_on_the_observed_one():
 
 
 def test_half_of_the_pixels_may_lie_on_the_ground_behind():
-    seen, ground = [NAN, 1.1 * 0.8, 0.9 * 0.8, NAN], [NAN, 1.5, 1.6, NAN]
-    torch.testing.assert_close(distances([[seen, ground, seen, ground]])["distance"], torch.full((2,), 0.8))
+    observed, ground = [NAN, 1.1 * 0.8, 0.9 * 0.8, NAN], [NAN, 1.5, 1.6, NAN]
+    torch.testing.assert_close(distances([[observed, ground, observed, ground]])["distance"], torch.full((2,), 0.8))
 
 
 def test_what_nothing_is_drawn_at_counts_where_nothing_else_is_known():

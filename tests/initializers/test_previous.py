@@ -22,20 +22,20 @@ def starts(initializer: Previous, num_starts: int = 4, problems: int = 2) -> dic
 
 
 def test_without_spread_every_start_is_the_answer() -> None:
-    given = starts(Previous(answer()))
-    torch.testing.assert_close(given["azimuth"], torch.tensor([1.0, -2.0]).repeat_interleave(4))
-    torch.testing.assert_close(given["scale"], torch.tensor([0.5, 2.0]).repeat_interleave(4))
-    torch.testing.assert_close(given["code"], torch.ones(8, 3))
+    values = starts(Previous(answer()))
+    torch.testing.assert_close(values["azimuth"], torch.tensor([1.0, -2.0]).repeat_interleave(4))
+    torch.testing.assert_close(values["scale"], torch.tensor([0.5, 2.0]).repeat_interleave(4))
+    torch.testing.assert_close(values["code"], torch.ones(8, 3))
 
 
 def test_the_first_start_is_the_answer_and_the_others_spread_around_it() -> None:
-    given = starts(Previous(answer(), sigma={"azimuth": 0.1, "scale": 0.2}), 4000)
-    azimuth, scale = given["azimuth"].view(2, 4000), given["scale"].view(2, 4000)
+    values = starts(Previous(answer(), sigma={"azimuth": 0.1, "scale": 0.2}), 4000)
+    azimuth, scale = values["azimuth"].view(2, 4000), values["scale"].view(2, 4000)
     assert azimuth[:, 0].tolist() == pytest.approx([1.0, -2.0])
     assert (azimuth / torch.pi).std(1).tolist() == pytest.approx([0.1, 0.1], rel=0.05)
     assert scale.log().std(1).tolist() == pytest.approx([0.2, 0.2], rel=0.05)
     assert bool((scale > 0).all())
-    torch.testing.assert_close(given["code"], torch.ones(8000, 3))
+    torch.testing.assert_close(values["code"], torch.ones(8000, 3))
 
 
 def test_takes_over_only_the_named_variables() -> None:

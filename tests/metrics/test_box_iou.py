@@ -37,8 +37,8 @@ def test_exact_overlap_does_not_change_with_the_camera():
 
 def test_a_cube_turned_by_an_eighth_shares_an_octagon():
     octagon = 2 * (2**0.5 - 1)
-    turned = at(rotation=Rotation.from_euler("z", 45, degrees=True))
-    assert oriented_iou(at(), UNIT, turned, UNIT) == pytest.approx(octagon / (2 - octagon), abs=1e-9)
+    rotated = at(rotation=Rotation.from_euler("z", 45, degrees=True))
+    assert oriented_iou(at(), UNIT, rotated, UNIT) == pytest.approx(octagon / (2 - octagon), abs=1e-9)
 
 
 def test_exact_overlap_is_the_share_of_points_in_both():

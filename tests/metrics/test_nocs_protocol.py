@@ -16,7 +16,7 @@ def wave(*numbers: float) -> float:
     return float(np.sin(12.9898 * numbers[0] + 78.233 * numbers[-1] + 37.719 * sum(numbers)) * 43758.5453 % 1)
 
 
-def turned(axis: list[float], degrees: float) -> np.ndarray:
+def rotated(axis: list[float], degrees: float) -> np.ndarray:
     x, y, z = np.array(axis) / np.linalg.norm(axis)
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     angle = np.deg2rad(degrees)
@@ -37,7 +37,7 @@ def made_results(num_images: int = 24) -> list[dict]:
         for thing in range(image % 7):
             u = [wave(image + 1, thing + 1, k) for k in range(20)]
             ids.append(1 + (image * 5 + thing * thing) % 6)
-            rotation = turned([u[0] - 0.5, u[1] - 0.5, u[2] - 0.5], 360 * u[3])
+            rotation = rotated([u[0] - 0.5, u[1] - 0.5, u[2] - 0.5], 360 * u[3])
             truths.append(similarity(0.1 + 0.3 * u[4], rotation, [u[5] - 0.5, 0.6 * u[6] - 0.3, 0.7 + u[7]]))
             size = np.array([0.2 + u[8], 0.2 + u[9], 0.2 + u[10]])
             sizes.append(size / np.linalg.norm(size))
@@ -46,7 +46,7 @@ def made_results(num_images: int = 24) -> list[dict]:
                 off = 60 * u[12] ** 3
                 pose = similarity(
                     (0.1 + 0.3 * u[4]) * np.exp(0.3 * v[0]),
-                    turned([v[1], v[2], v[3]], off) @ rotation,
+                    rotated([v[1], v[2], v[3]], off) @ rotation,
                     truths[-1][:3, 3] + 0.3 * u[13] ** 2 * np.array([v[4], v[5], v[6]]),
                 )
                 kind = ids[-1] if u[14] < 0.9 else 1 + ids[-1] % 6
@@ -102,7 +102,7 @@ def test_precision_is_that_of_the_published_evaluators(scores, name):
     np.testing.assert_allclose(values, GOLDEN[name], atol=1e-9)
 
 
-def one(category: str, truths: list, found: list, scores: list[float], seen: list[float] | None = None) -> dict:
+def one(category: str, truths: list, found: list, scores: list[float], observed: list[float] | None = None) -> dict:
     """An image of one category; every box is the same."""
     size = np.full(3, 3**-0.5)
     result = {
@@ -114,23 +114,23 @@ def one(category: str, truths: list, found: list, scores: list[float], seen: lis
         "pred_scales": np.tile(size, (len(found), 1)),
         "pred_scores": np.array(scores),
     }
-    return result if seen is None else result | {"gt_handle_visibility": np.array(seen)}
+    return result if observed is None else result | {"gt_handle_visibility": np.array(observed)}
 
 
-HERE = similarity(0.2, turned([1, 0.2, 0.1], 25), [0.0, 0.1, 1.0])
+HERE = similarity(0.2, rotated([1, 0.2, 0.1], 25), [0.0, 0.1, 1.0])
 
 
 def test_a_bottle_turned_about_itself_is_right_and_a_camera_is_not():
-    around = HERE @ similarity(1, turned([0, 1, 0], 90), [0, 0, 0])
+    around = HERE @ similarity(1, rotated([0, 1, 0], 90), [0, 0, 0])
     assert evaluate_nocs([one("bottle", [HERE], [around], [1.0])]).pose(1, 1)[0] == 1
     assert evaluate_nocs([one("camera", [HERE], [around], [1.0])], iou="axis_aligned").pose(10, 10)[2] == 0
 
 
 def test_a_mug_turns_freely_only_where_its_handle_is_known_to_be_hidden():
-    around = HERE @ similarity(1, turned([0, 1, 0], 90), [0, 0, 0])
+    around = HERE @ similarity(1, rotated([0, 1, 0], 90), [0, 0, 0])
     hidden, visible, untold = (
-        evaluate_nocs([one("mug", [HERE], [around], [1.0], seen)], iou="axis_aligned").pose(5, 5)[5]
-        for seen in ([0.0], [1.0], None)
+        evaluate_nocs([one("mug", [HERE], [around], [1.0], observed)], iou="axis_aligned").pose(5, 5)[5]
+        for observed in ([0.0], [1.0], None)
     )
     assert (hidden, visible, untold) == (1, 0, 0)
 

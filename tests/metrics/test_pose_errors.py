@@ -5,17 +5,17 @@ from kfit.geometry import rotation_from_angles
 from kfit.metrics import rotation_error_deg, scale_agnostic_translation_error, summary, translation_error_cm
 
 
-def turned(azimuth: float, elevation: float = 0.0) -> torch.Tensor:
+def rotated(azimuth: float, elevation: float = 0.0) -> torch.Tensor:
     values = (torch.tensor(v, dtype=torch.float64) for v in (azimuth, elevation, 0.0))
     return rotation_from_angles(*values)
 
 
 def test_a_quarter_turn_is_ninety_degrees() -> None:
-    assert float(rotation_error_deg(turned(torch.pi / 2), turned(0))) == pytest.approx(90)
+    assert float(rotation_error_deg(rotated(torch.pi / 2), rotated(0))) == pytest.approx(90)
 
 
 def test_a_bottle_turned_about_itself_has_no_error() -> None:
-    assert float(rotation_error_deg(turned(2, 0.1), turned(0, 0.1), "y")) == pytest.approx(0, abs=1e-6)
+    assert float(rotation_error_deg(rotated(2, 0.1), rotated(0, 0.1), "y")) == pytest.approx(0, abs=1e-6)
 
 
 def test_translation_errors_are_in_centimetres() -> None:
@@ -24,8 +24,8 @@ def test_translation_errors_are_in_centimetres() -> None:
 
 
 def test_the_summary_counts_shares_and_takes_the_middle() -> None:
-    told = summary(torch.tensor([1.0, 4.0, 8.0, 20.0, 50.0, 170.0]))
-    assert told == {
+    found = summary(torch.tensor([1.0, 4.0, 8.0, 20.0, 50.0, 170.0]))
+    assert found == {
         "median": pytest.approx(14),
         "under_5": pytest.approx(2 / 6),
         "under_10": pytest.approx(3 / 6),
@@ -35,9 +35,9 @@ def test_the_summary_counts_shares_and_takes_the_middle() -> None:
 
 
 def test_a_failed_fit_counts_as_half_a_turn() -> None:
-    told = summary(torch.tensor([float("nan"), 2.0, float("nan")]))
-    assert told["median"] == 180
-    assert told["under_5"] == pytest.approx(1 / 3)
+    found = summary(torch.tensor([float("nan"), 2.0, float("nan")]))
+    assert found["median"] == 180
+    assert found["under_5"] == pytest.approx(1 / 3)
 
 
 def test_no_errors_at_all_are_refused() -> None:

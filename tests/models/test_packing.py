@@ -21,7 +21,9 @@ def with_head(model: CategoryModel, path: Path, category: str | None = None) -> 
     settings = {"channels": [8, 8, 8, 8], "hidden_dim": 8, "bin_deg": 60.0}
     torch.manual_seed(1)
     networks = {name: getattr(model, name) for name in ("generator", "encoder", "extents")}
-    named = model.card.networks | {"pose_head": {"class_path": "kfit.generators.RotationHead", "init_args": settings}}
+    named = {**model.card.networks} | {
+        "pose_head": {"class_path": "kfit.generators.RotationHead", "init_args": settings}
+    }
     card = replace(model.card, networks=named, category=category or model.card.category)
     write_model(path, networks | {"pose_head": RotationHead(**settings)}, card)
     return path
@@ -31,8 +33,8 @@ def test_a_model_gets_another_head_and_loses_what_was_measured(
     tiny_model: CategoryModel, tiny_file: Path, tmp_path: Path
 ) -> None:
     fits = {"starts": 1, "steps": 1, "left": 1, "weights": {"prior": 1.0}}
-    tiny_model.card.accuracy = {"views": {"median": 3.0}}
-    tiny_model.card.calibration = {"RGB": Calibration(0.0, {"weight": 1.0}, 1.0, fits, 10)}
+    calibration = {"RGB": Calibration(0.0, {"weight": 1.0}, 1.0, fits, 10)}
+    tiny_model.card = replace(tiny_model.card, accuracy={"views": {"median": 3.0}}, calibration=calibration)
     headed = with_head(tiny_model, tmp_path / "headed.safetensors")
     assert kfit.load(headed).card.accuracy
     pack(headed, tmp_path / "new.safetensors", headed)

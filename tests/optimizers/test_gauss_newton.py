@@ -29,7 +29,7 @@ def pipeline(lengths=None, energy=None, **settings):
     )
 
 
-def seen():
+def observed():
     truth = {
         "roll": torch.tensor([0.08, -0.05]).double(),
         "shift": torch.tensor([[0.06, -0.04], [0.0, 0.05]]).double(),
@@ -39,7 +39,7 @@ def seen():
 
 
 def test_a_few_steps_find_a_near_answer():
-    observation, truth = seen()
+    observation, truth = observed()
     found = pipeline()(observation, seed=0)
     for name, value in truth.items():
         torch.testing.assert_close(found.values[name], value, rtol=0, atol=2e-3)
@@ -47,22 +47,22 @@ def test_a_few_steps_find_a_near_answer():
 
 def test_a_step_draws_one_picture_for_each_number_and_one_more():
     # Six steps of 1 + 4 pictures and the last look, for two problems.
-    assert pipeline()(seen()[0], seed=0).num_evaluations == 2 * (6 * 5 + 1)
+    assert pipeline()(observed()[0], seed=0).num_evaluations == 2 * (6 * 5 + 1)
 
 
 def test_no_number_moves_farther_than_its_reach():
-    found = pipeline(reach=2.0)(seen()[0], seed=0)
+    found = pipeline(reach=2.0)(observed()[0], seed=0)
     steps = found.history.values["shift"].diff(dim=0).abs()
     assert float(steps.max()) <= 2.0 * LENGTHS["shift"] + 1e-12
     assert float(steps.max()) > LENGTHS["shift"]
 
 
 @pytest.mark.parametrize(
-    ("settings", "told"),
+    ("settings", "message"),
     [({"lengths": {"roll": 0.0}}, "lengths of roll"), ({"damping": -1.0}, "damping"), ({"reach": 0.5}, "reach")],
 )
-def test_a_wrong_setting_is_named(settings, told):
-    with pytest.raises(ValueError, match=told):
+def test_a_wrong_setting_is_named(settings, message):
+    with pytest.raises(ValueError, match=message):
         GaussNewton(**{"lengths": LENGTHS} | settings)
 
 
@@ -73,4 +73,4 @@ def test_lengths_must_name_the_variables():
 
 def test_terms_must_be_sums_of_squares():
     with pytest.raises(ValueError, match="sums of squares"):
-        pipeline(energy=L1())(seen()[0], seed=0)
+        pipeline(energy=L1())(observed()[0], seed=0)

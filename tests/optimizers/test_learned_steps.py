@@ -13,7 +13,7 @@ from kfit.initializers import Constant
 from kfit.optimizers import Adam, LearnedSteps, Stages
 
 
-class Told(Generator):
+class Fixed(Generator):
     """Paints its rotation and a code into a picture, so that a network can read them off."""
 
     def __init__(self):
@@ -26,7 +26,7 @@ class Told(Generator):
         return Rendering(image, torch.ones_like(image[:, :1]))
 
 
-SEEN = []
+INPUTS = []
 """What the network has seen."""
 
 
@@ -36,11 +36,11 @@ class Always(RefinerNetwork):
     def __init__(self, rotation=(0.0, 0.0, 0.0), shift=(0.0, 0.0), log_scale=0.0):
         super().__init__()
         step = torch.tensor([*rotation, *shift, log_scale])
-        self.register_buffer("told", step)
+        self.register_buffer("step", step)
 
     def forward(self, observed, drawn):
-        SEEN.append((observed, drawn))
-        step = self.told.expand(len(observed), 6)
+        INPUTS.append((observed, drawn))
+        step = self.step.expand(len(observed), 6)
         return PoseUpdate(step[:, :3], step[:, 3:5], step[:, 5], 0 * step[:, :4], 0 * step[:, 0])
 
 
@@ -49,7 +49,7 @@ START = {"code": 0.5, "azimuth": 3.1, "elevation": 0.4, "roll": 0.2, "shift": [0
 
 def fit(optimizer, steps=1, observation=None):
     pipeline = FitPipeline(
-        SimilarityWarp(Told()), {"look": L2()}, [Constant(START)], optimizer, num_starts=2, num_steps=steps
+        SimilarityWarp(Fixed()), {"look": L2()}, [Constant(START)], optimizer, num_starts=2, num_steps=steps
     )
     result = pipeline(observation or Observation(torch.zeros(1, 3, 8, 8), torch.ones(1, 1, 8, 8)), seed=0)
     return {name: value[-1] for name, value in result.history.values.items()}
@@ -77,16 +77,16 @@ def test_a_descent_continues_where_learned_steps_have_led():
 
 
 def test_the_network_sees_photo_and_drawing_and_not_what_has_no_weight():
-    SEEN.clear()
+    INPUTS.clear()
     weight = torch.ones(1, 1, 8, 8)
     weight[..., 0] = 0
     photo = torch.full((1, 3, 8, 8), 0.25)
     fit(LearnedSteps(Always()), observation=Observation(photo, torch.ones(1, 1, 8, 8), weight=weight))
-    ((observed, drawn),) = SEEN
+    ((observed, drawn),) = INPUTS
     assert observed.shape == drawn.shape == (2, 4, 8, 8)
-    for seen in (observed, drawn):
-        assert (seen[:, :3, :, 0] == 1).all()
-        assert (seen[:, 3, :, 0] == 0).all()
+    for found in (observed, drawn):
+        assert (found[:, :3, :, 0] == 1).all()
+        assert (found[:, 3, :, 0] == 0).all()
     assert (observed[:, :3, :, 1:] == 0.25).all()
 
 
@@ -103,9 +103,9 @@ def test_an_observation_without_a_mask_is_refused():
 
 def test_a_pipeline_moves_its_network():
     optimizer = Stages([(LearnedSteps(Always()), 1), (Adam(), 1)])
-    pipeline = FitPipeline(SimilarityWarp(Told()), {"look": L2()}, [Constant(START)], optimizer)
+    pipeline = FitPipeline(SimilarityWarp(Fixed()), {"look": L2()}, [Constant(START)], optimizer)
     pipeline.to(torch.float64)
-    assert pipeline.optimizer.stages[0][0].refiner.told.dtype == torch.float64
+    assert pipeline.optimizer.stages[0][0].refiner.step.dtype == torch.float64
 
 
 class Flat(Generator):

@@ -54,7 +54,7 @@ def test_products_and_differences_find_the_same_registration(monkeypatch):
     grid = torch.linspace(-2, 2, 24, dtype=torch.float64)
     picture = torch.stack([torch.outer((k * grid).sin(), (grid + k).cos()) for k in (1, 2, 3)]) / 2 + 0.5
     truth = torch.tensor([[[0.04, -0.06], [-0.02, 0.05], [0.03, 0.01], [0.0, -0.03]]], dtype=torch.float64)
-    seen = Observation(Template(picture, oversampling=3)(corners=truth).image)
+    observed = Observation(Template(picture, oversampling=3)(corners=truth).image)
     ends = []
     for most in (64, 0):
         monkeypatch.setattr(levenberg_marquardt, "MAX_DIFFERENCES", most)
@@ -66,7 +66,7 @@ def test_products_and_differences_find_the_same_registration(monkeypatch):
             num_starts=3,
             num_steps=15,
         )
-        ends.append(pipeline(seen, seed=0).values["corners"])
+        ends.append(pipeline(observed, seed=0).values["corners"])
     torch.testing.assert_close(ends[0], truth, rtol=0, atol=1e-4)
     torch.testing.assert_close(ends[1], truth, rtol=0, atol=1e-4)
 

@@ -24,18 +24,18 @@ def test_a_card_holds_a_category_that_kfit_does_not_know():
 
 
 def test_cards_from_before_are_filled_in_from_kfit_s_own_categories():
-    told = json.loads(tiny_card("bottle").to_json())
+    saved = json.loads(tiny_card("bottle").to_json())
     for name in ("diagonals", "sides", "upright", "mirror", "shapes"):
-        del told[name]
-    assert Card.of_json(json.dumps(told), Path("old.safetensors")).known.size_range == (0.1, 0.6)
-    assert Card.of_json(json.dumps(told), Path("old.safetensors")).known.shapes == "kfit.data.shapes.bottle"
+        del saved[name]
+    assert Card.of_json(json.dumps(saved), Path("old.safetensors")).known.size_range == (0.1, 0.6)
+    assert Card.of_json(json.dumps(saved), Path("old.safetensors")).known.shapes == "kfit.data.shapes.bottle"
 
 
 def test_an_older_card_of_an_unknown_category_is_refused():
-    told = json.loads(own_card().to_json())
-    del told["sides"]
+    saved = json.loads(own_card().to_json())
+    del saved["sides"]
     with pytest.raises(ValueError, match=r"own\.safetensors holds no model card of format 1"):
-        Card.of_json(json.dumps(told), Path("own.safetensors"))
+        Card.of_json(json.dumps(saved), Path("own.safetensors"))
 
 
 def test_the_bundled_cards_tell_kfit_s_own_categories():

@@ -5,11 +5,11 @@ from kfit.pose.check_intrinsics import check_intrinsics
 
 
 def checked(fx: float, fy: float, x: float, y: float, size: tuple[int, int] = (640, 480)) -> tuple[str, str]:
-    """The notes and the doubts."""
+    """The notes and the warnings."""
     notes: list[str] = []
-    doubts: list[str] = []
-    check_intrinsics(torch.tensor([[fx, 0, x], [0, fy, y], [0, 0, 1]]).double(), *size, notes, doubts)
-    return " ".join(notes), " ".join(doubts)
+    warnings: list[str] = []
+    check_intrinsics(torch.tensor([[fx, 0, x], [0, fy, y], [0, 0, 1]]).double(), *size, notes, warnings)
+    return " ".join(notes), " ".join(warnings)
 
 
 def test_a_cameras_own_intrinsics_pass_without_a_word() -> None:
@@ -31,15 +31,15 @@ def test_a_principal_point_that_no_crop_has_is_refused(x: float) -> None:
 
 @pytest.mark.parametrize(("times", "size"), [(0.5, "320 x 240"), (2, "1280 x 960"), (1.5, "960 x 720")])
 def test_intrinsics_of_a_scaled_picture_are_doubted(times: float, size: str) -> None:
-    notes, doubts = checked(590 * times, 590 * times, 320 * times - 0.5, 240 * times - 0.5)
+    notes, warnings = checked(590 * times, 590 * times, 320 * times - 0.5, 240 * times - 0.5)
     assert notes == ""
-    assert f"is the middle of a picture of {size} pixels" in doubts
+    assert f"is the middle of a picture of {size} pixels" in warnings
 
 
 def test_a_principal_point_off_the_middle_is_reported() -> None:
-    notes, doubts = checked(590, 590, 60, 240)
+    notes, warnings = checked(590, 590, 60, 240)
     assert "far from the photo's middle" in notes
-    assert doubts == ""
+    assert warnings == ""
 
 
 def test_pixels_that_are_not_square_are_reported() -> None:

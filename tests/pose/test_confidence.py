@@ -34,9 +34,9 @@ def fit_of(
     return FitResult({}, torch.tensor([energy]), rows[:1], rows, rows, torch.rand(left), {}, History(total, terms, {}))
 
 
-def found(weight: float = 0.9, energy: float = 1.0, spread: float = 2.0) -> list[Alternative]:
+def found(weight: float = 0.9, energy: float = 1.0, sigma_deg: float = 2.0) -> list[Alternative]:
     turn = np.eye(3)
-    return [Alternative(turn, energy, weight, spread), Alternative(turn, 1.2 * energy, 1 - weight, 0.0)]
+    return [Alternative(turn, energy, weight, sigma_deg), Alternative(turn, 1.2 * energy, 1 - weight, 0.0)]
 
 
 def made_up(count: int, seed: int = 0) -> tuple[list[dict[str, float]], list[bool], np.ndarray]:
@@ -48,17 +48,17 @@ def made_up(count: int, seed: int = 0) -> tuple[list[dict[str, float]], list[boo
 
 
 def test_the_logistic_model_finds_the_one_that_made_the_answers() -> None:
-    told, right, chance = made_up(4000)
-    bias, coefficients = calibrated(told, right)
+    features, right, chance = made_up(4000)
+    bias, coefficients = calibrated(features, right)
     assert coefficients["x"] == pytest.approx(1.5, rel=0.1)
     assert bias == pytest.approx(1 - 1.5 * 1.5, abs=0.25)
     model = Calibration(bias, coefficients, 1.0, FITS, 9)
-    assert np.abs([model.probability(one) for one in told] - chance).max() < 0.05
+    assert np.abs([model.probability(one) for one in features] - chance).max() < 0.05
 
 
 def test_the_logistic_model_is_the_penalised_maximum_that_torch_finds() -> None:
-    told, right, _ = made_up(60)
-    rows = torch.tensor([list(one.values()) for one in told], dtype=torch.float64)[:, :1]
+    features, right, _ = made_up(60)
+    rows = torch.tensor([list(one.values()) for one in features], dtype=torch.float64)[:, :1]
     scaled = (rows - rows.mean(0)) / rows.std(0, correction=0)
     yes = torch.tensor(right)
     target = torch.where(yes, (yes.sum() + 1) / (yes.sum() + 2), 1 / ((~yes).sum() + 2)).double()
@@ -73,13 +73,13 @@ def test_the_logistic_model_is_the_penalised_maximum_that_torch_finds() -> None:
         return loss
 
     solver.step(closure)
-    _, coefficients = calibrated([{"x": one["x"]} for one in told], right)
+    _, coefficients = calibrated([{"x": one["x"]} for one in features], right)
     assert coefficients["x"] == pytest.approx(float(x[1].detach() / rows.std(0, correction=0)), rel=1e-3)
 
 
 def test_held_out_answers_are_right_as_often_as_predicted() -> None:
-    told, right, chance = made_up(2000)
-    checked = reliability(cross_validated(told, right), right)
+    features, right, chance = made_up(2000)
+    checked = reliability(cross_validated(features, right), right)
     assert checked["calibration error"] < 0.03
     assert checked["brier"] == pytest.approx(float((chance * (1 - chance)).mean()), rel=0.1)
     assert checked["brier"] < checked["brier of the share"]
@@ -87,32 +87,32 @@ def test_held_out_answers_are_right_as_often_as_predicted() -> None:
 
 
 def test_what_speaks_for_an_answer_never_comes_to_speak_against_it() -> None:
-    told, right, _ = made_up(200)
-    _, coefficients = calibrated(told, [not yes for yes in right])
+    features, right, _ = made_up(200)
+    _, coefficients = calibrated(features, [not yes for yes in right])
     assert coefficients["x"] == 0
 
 
 def test_views_without_a_failure_promise_no_certainty() -> None:
-    told, _, _ = made_up(18)
-    bias, coefficients = calibrated(told, [True] * 18)
+    features, _, _ = made_up(18)
+    bias, coefficients = calibrated(features, [True] * 18)
     # Laplace's rule of succession: (18 + 1) / (18 + 2).
-    probabilities = [Calibration(bias, coefficients, 1.0, FITS, 9).probability(one) for one in told]
+    probabilities = [Calibration(bias, coefficients, 1.0, FITS, 9).probability(one) for one in features]
     assert probabilities == pytest.approx([0.95] * 18, abs=1e-3)
 
 
 def test_reliability_tells_each_bin_and_their_mean_gap() -> None:
-    said = reliability([0.2, 0.4, 0.85, 0.85, 1.0], [False, True, True, False, True])
-    assert [(row["from"], row["number"]) for row in said["bins"]] == [(0.0, 2), (0.8, 2), (0.95, 1)]
-    assert [row["right"] for row in said["bins"]] == [0.5, 0.5, 1.0]
-    assert said["calibration error"] == pytest.approx((2 * 0.2 + 2 * 0.35) / 5)
-    assert said["brier"] == pytest.approx(np.mean(np.square([0.2, 0.6, 0.15, 0.85, 0.0])))
-    assert said["brier of the share"] == pytest.approx(0.24)
+    table = reliability([0.2, 0.4, 0.85, 0.85, 1.0], [False, True, True, False, True])
+    assert [(row["from"], row["number"]) for row in table["bins"]] == [(0.0, 2), (0.8, 2), (0.95, 1)]
+    assert [row["right"] for row in table["bins"]] == [0.5, 0.5, 1.0]
+    assert table["calibration error"] == pytest.approx((2 * 0.2 + 2 * 0.35) / 5)
+    assert table["brier"] == pytest.approx(np.mean(np.square([0.2, 0.6, 0.15, 0.85, 0.0])))
+    assert table["brier of the share"] == pytest.approx(0.24)
 
 
 def test_evidence_is_the_more_the_surer_and_finite_at_its_ends() -> None:
-    sure, torn = evidence(found(0.9), 0.9), evidence(found(0.6, 1.5, 10.0), 0.3)
-    assert set(sure) == {"weight", "energy", "agreement", "looks"}
-    assert all(sure[name] > torn[name] for name in sure)
+    certain, torn = evidence(found(0.9), 0.9), evidence(found(0.6, 1.5, 10.0), 0.3)
+    assert set(certain) == {"weight", "energy", "agreement", "looks"}
+    assert all(certain[name] > torn[name] for name in certain)
     alone = evidence(found(1.0)[:1], None)
     assert "looks" not in alone
     assert all(math.isfinite(one) for one in [*alone.values(), *evidence(found(0.0), 0.0).values()])
@@ -132,20 +132,20 @@ def test_a_calibration_covers_fits_in_its_own_way_and_no_others() -> None:
 def test_confidence_is_the_model_s_or_the_weight_and_then_says_so() -> None:
     model = Calibration(1.0, {"energy": 1.0}, 2.0, FITS, 9)
     assert confidence(model, fit_of(), found(), None) == (pytest.approx(1 / (1 + math.exp(-1))), None)
-    said, note = confidence(None, fit_of(), found(), None)
-    assert said == 0.9
+    probability, note = confidence(None, fit_of(), found(), None)
+    assert probability == 0.9
     assert note is not None
     assert note.startswith("confidence not calibrated, as the model's card")
-    said, note = confidence(model, fit_of(steps=3), found(energy=5.0), None)
-    assert said == 0.9
+    probability, note = confidence(model, fit_of(steps=3), found(energy=5.0), None)
+    assert probability == 0.9
     assert note is not None
     assert note.startswith("confidence not calibrated for a fit in another way")
 
 
 def test_a_poor_drawing_is_reported_where_the_fit_is_the_model_s_own() -> None:
     model = Calibration(1.0, {"energy": 1.0}, 2.0, FITS, 9)
-    said, note = confidence(model, fit_of(), found(energy=2.5), None)
-    assert said == 0.5  # and not the 0.52 of the model
+    value, note = confidence(model, fit_of(), found(energy=2.5), None)
+    assert value == 0.5  # and not the 0.52 of the model
     assert model.probability({"energy": -math.log(2.5)}) > 0.5
     assert note is not None
     assert note.startswith(
@@ -160,16 +160,16 @@ def test_a_poor_drawing_is_reported_where_fits_with_depth_lack_calibration() -> 
     for start, energy, poor in ((0, 4.0, True), (1, 1.1, False)):
         fit = replace(fit, start=torch.tensor([start]))
         known = Calibration(1.0, {}, 2.0, {**FITS, "weights": {"l1": 1.0}}, 9)
-        said, note = confidence(None, fit, found(energy=energy), None, known)
-        assert said == (0.5 if poor else known.probability({})) < 0.9
+        value, note = confidence(None, fit, found(energy=energy), None, known)
+        assert value == (0.5 if poor else known.probability({})) < 0.9
         assert note is not None
         assert note.startswith("confidence not calibrated, as the model's card")
         assert ("explains the look of the picture poorly" in note) == poor
 
 
 def test_of_equal_energies_the_look_of_the_own_problem_counts() -> None:
-    look = torch.tensor([[[9.0], [1.0]]])
-    terms, rows = {"l1": look, "depth": 10 - look}, torch.arange(2)
+    shift = torch.tensor([[[9.0], [1.0]]])
+    terms, rows = {"l1": shift, "depth": 10 - shift}, torch.arange(2)
     fit = replace(
         fit_of(), energy=torch.full((2,), 10.0), start=rows * 0, all_problem=rows, all_start=rows * 0,
         all_energy=torch.full((2,), 10.0), history=History(torch.full((1, 2, 1), 10.0), terms, {}),
@@ -181,13 +181,14 @@ def test_of_equal_energies_the_look_of_the_own_problem_counts() -> None:
 
 def test_a_card_keeps_its_calibrations(tiny_file: Path) -> None:
     made, right, _ = made_up(30)
-    told = [{"energy": one["x"], "looks": one["y"]} for one in made]
+    features = [{"energy": one["x"], "looks": one["y"]} for one in made]
     card = read_card(tiny_file)
     assert card.calibration == {}
-    card.calibration["RGB"] = calibrate(told, right, list(range(30)), FITS, 7, [25.184] * 20)
+    calibrated = calibrate(features, right, list(range(30)), FITS, 7, [25.184] * 20)
+    card = replace(card, calibration={"RGB": calibrated})
     put_card(tiny_file, card.to_json())
     again = read_card(tiny_file).calibration["RGB"]
-    assert again == card.calibration["RGB"]
+    assert again == calibrated
     assert again.views == 30
     assert again.energy_99 == pytest.approx(28.71)
     assert again.covariance_factor == pytest.approx(2)
@@ -200,9 +201,9 @@ def test_a_calibration_from_before_covariances_were_measured_is_read(tiny_file: 
 
 
 def test_a_card_from_before_calibrations_is_read(tiny_file: Path) -> None:
-    said = card_of(tiny_file)
-    del said["calibration"]
-    put_card(tiny_file, said)
+    saved = card_of(tiny_file)
+    del saved["calibration"]
+    put_card(tiny_file, saved)
     assert read_card(tiny_file).calibration == {}
 
 
@@ -236,12 +237,13 @@ def test_a_pose_has_calibrated_confidence_in_the_model_s_own_fit_alone(tiny_mode
     assert first.confidence == first.alternatives[0].weight
     weights = {name: weight for name, weight in tiny_model.pipeline().weights.items() if isinstance(weight, float)}
     fits = how_fitted(first.fit, weights)
-    for high, told in ((1e6, False), (1e-6, True)):
-        tiny_model.card.calibration["RGB"] = Calibration(-1.0, {}, high, fits, 9)
+    for high, warned in ((1e6, False), (1e-6, True)):
+        calibration = {"RGB": Calibration(-1.0, {}, high, fits, 9)}
+        tiny_model.card = replace(tiny_model.card, calibration=calibration)
         own = tiny_model.pose(image, mask=mask, pipeline=tiny_model.pipeline(4, 2))
         assert own.confidence == pytest.approx(1 / (1 + math.e))
         assert not any("not calibrated" in note for note in own.notes)
-        assert any("explains the picture poorly" in note for note in own.notes) == told
+        assert any("explains the picture poorly" in note for note in own.notes) == warned
     other = tiny_model.pose(image, mask=mask, pipeline=tiny_model.pipeline(4, 3))
     assert other.confidence == other.alternatives[0].weight
     assert any("in another way" in note for note in other.notes)

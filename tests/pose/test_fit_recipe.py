@@ -60,7 +60,7 @@ def test_a_missing_recipe_is_named(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "message"),
     [
         ({"energy": 1.0}, "'energy' is not accepted"),
         ({"num_starts": "many"}, "num_starts"),
@@ -68,11 +68,11 @@ def test_a_missing_recipe_is_named(tmp_path):
         ({"optimizer": "kfit.energies.L1"}, "optimizer"),
     ],
 )
-def test_a_wrong_recipe_gets_one_sentence(tmp_path, change, told):
+def test_a_wrong_recipe_gets_one_sentence(tmp_path, change, message):
     recipe = yaml.safe_load(RELEASED.read_text())
     recipe["energies"] = {"perceptual": {"class_path": "kfit.energies.L1"}, "prior": "kfit.energies.CodePrior"}
     (tmp_path / "wrong.yaml").write_text(yaml.safe_dump(recipe | change))
-    with pytest.raises(ValueError, match=told) as error:
+    with pytest.raises(ValueError, match=message) as error:
         fit_of(tmp_path / "wrong.yaml", load("laptop"))
     assert "\n" not in str(error.value)
 

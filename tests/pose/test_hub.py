@@ -25,8 +25,8 @@ def test_the_page_and_the_checksum_tell_of_the_model(tmp_path, shared):
     page = (tmp_path / "shared" / "README.md").read_text()
     assert "library_name: kfit" in page
     assert "Axes: " in page
-    told = (tmp_path / "shared" / CHECKSUM).read_text().split()
-    assert told == [hashlib.sha256((tmp_path / "shared" / MODEL).read_bytes()).hexdigest(), MODEL]
+    words = (tmp_path / "shared" / CHECKSUM).read_text().split()
+    assert words == [hashlib.sha256((tmp_path / "shared" / MODEL).read_bytes()).hexdigest(), MODEL]
 
 
 def test_a_model_that_was_replaced_is_refused(tmp_path, shared):
@@ -64,14 +64,14 @@ def test_the_hub_s_cache_serves_without_a_network(tmp_path, shared, monkeypatch)
 
 def test_an_upload_hands_the_folder_to_the_hub(tiny_model, monkeypatch):
     hub = pytest.importorskip("huggingface_hub")
-    told = {}
-    monkeypatch.setattr(hub, "create_repo", lambda name, private, exist_ok: told.update(name=name, private=private))
+    received = {}
+    monkeypatch.setattr(hub, "create_repo", lambda name, private, exist_ok: received.update(name=name, private=private))
 
     def upload(repo_id, folder_path, commit_message):
-        told["files"] = sorted(path.name for path in folder_path.iterdir())
+        received["files"] = sorted(path.name for path in folder_path.iterdir())
         return f"hub://{repo_id}"
 
     monkeypatch.setattr(hub, "upload_folder", upload)
     folder_of = {"README.md", MODEL, CHECKSUM}
     assert tiny_model.push_to_hub("somebody/teapot", private=True) == "hub://somebody/teapot"
-    assert (told["name"], told["private"], set(told["files"])) == ("somebody/teapot", True, folder_of)
+    assert (received["name"], received["private"], set(received["files"])) == ("somebody/teapot", True, folder_of)

@@ -42,10 +42,10 @@ SHOWN = ended([60, 62, 57, 61, 236], [0.60, 0.605, 0.61, 0.62, 0.98])
 
 
 def test_a_hidden_handle_is_reported() -> None:
-    said = ambiguity_warning(found(HIDDEN), None, "none")
-    assert said is not None
-    assert said.startswith("ambiguous: the answer has ")
-    assert "a pose 61° away" in said
+    warning = ambiguity_warning(found(HIDDEN), None, "none")
+    assert warning is not None
+    assert warning.startswith("ambiguous: the answer has ")
+    assert "a pose 61° away" in warning
 
 
 def test_a_handle_that_shows_is_not() -> None:
@@ -93,10 +93,10 @@ def test_the_answer_carries_spread_and_the_word_of_a_head_that_knows_nothing(tin
     tiny_model.pose_head = PoseHead(channels=(8, 8, 8, 8), hidden_dim=8).eval()
     picture = np.random.default_rng(0).random((40, 40, 3))
     result = tiny_model.pose(picture, mask=np.ones((40, 40)), pipeline=tiny_model.pipeline(4, 1))
-    said = result.to_dict()
-    assert said["ambiguous"] is True
-    assert said["notes"][-1].startswith("ambiguous: ")
-    assert all(group["sigma_deg"] >= 0 for group in said["alternatives"])
+    saved = result.to_dict()
+    assert saved["ambiguous"] is True
+    assert saved["notes"][-1].startswith("ambiguous: ")
+    assert all(group["sigma_deg"] >= 0 for group in saved["alternatives"])
 
 
 @pytest.mark.slow
@@ -104,7 +104,7 @@ def test_the_bundled_mug_s_head_doubts_hidden_handles_and_seldom_what_shows() ->
     model = kfit.load("mug")
     views, head = held_out_views(model, 150, photo_size=128), model.pose_head
     assert head is not None
-    told, right = [], []
+    called, right = [], []
     for row, truth in enumerate(views.rotation):
         picture = views.observation.image[row : row + 1]
         with torch.no_grad():
@@ -113,12 +113,12 @@ def test_the_bundled_mug_s_head_doubts_hidden_handles_and_seldom_what_shows() ->
         fit = ended([math.degrees(azimuth)], [1.0], elevation_deg=math.degrees(elevation))
         pose_log_probabilities = model.pose_log_probabilities(views.observation[row])
         assert pose_log_probabilities is not None
-        told.append(
+        called.append(
             ambiguity_warning(found(fit), head_probability(fit, pose_log_probabilities[0], head, "none"), "none")
             is not None
         )
         angles = (fit.values[name].double()[0] for name in ("azimuth", "elevation", "roll"))
         right.append(bool(rotation_error(rotation_from_angles(*angles), truth).rad2deg() < 10))
-    doubts, sound = torch.tensor(told).double(), torch.tensor(right) & views.visible
-    assert doubts[~views.visible].mean() > 0.4
-    assert doubts[sound].mean() < 0.15
+    warnings, sound = torch.tensor(called).double(), torch.tensor(right) & views.visible
+    assert warnings[~views.visible].mean() > 0.4
+    assert warnings[sound].mean() < 0.15

@@ -30,10 +30,10 @@ def test_a_written_model_draws_the_same_pictures_to_half_precision(tiny_model: C
 
 
 def test_a_model_keeps_its_pose_head(tiny_model: CategoryModel, tmp_path: Path) -> None:
-    said = {"class_path": "kfit.generators.PoseHead", "init_args": {"channels": [8, 8, 8, 8], "hidden_dim": 8}}
-    head, path = PoseHead(**said["init_args"]).eval(), tmp_path / "headed.safetensors"
+    settings = {"class_path": "kfit.generators.PoseHead", "init_args": {"channels": [8, 8, 8, 8], "hidden_dim": 8}}
+    head, path = PoseHead(**settings["init_args"]).eval(), tmp_path / "headed.safetensors"
     parts = {"generator": tiny_model.generator, "encoder": tiny_model.encoder, "extents": tiny_model.extents}
-    card = replace(tiny_model.card, networks=tiny_model.card.networks | {"pose_head": said})
+    card = replace(tiny_model.card, networks=tiny_model.card.networks | {"pose_head": settings})
     write_model(path, parts | {"pose_head": head}, card)
     read, picture = kfit.load(path).pose_head, torch.rand(1, 3, 64, 64)
     assert isinstance(read, PoseHead)

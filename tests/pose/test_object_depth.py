@@ -14,9 +14,9 @@ DEPTH[MASK > 0] = 0.6 + 0.04 * np.random.default_rng(0).random(120 * 120)
 
 
 def test_depth_of_the_object_stays_as_it_is() -> None:
-    found, notes, doubts = object_depth(DEPTH, MASK, CAMERA, MUG)
+    found, notes, warnings = object_depth(DEPTH, MASK, CAMERA, MUG)
     np.testing.assert_array_equal(found, DEPTH)
-    assert notes == doubts == []
+    assert notes == warnings == []
 
 
 @pytest.mark.parametrize(
@@ -36,10 +36,10 @@ def test_a_depth_in_another_unit_is_refused_and_the_unit_named(times: float, uni
 
 @pytest.mark.parametrize(("times", "unit"), [(4, "0.25 mm"), (5, "1/5000 m"), (3.28, "feet"), (0.256, "1/256 m")])
 def test_a_found_size_out_of_range_names_the_unit(times: float, unit: str) -> None:
-    told = wrong_size(MUG, 0.17 * times)
-    assert told is not None
-    assert unit in told
-    assert "50 % at most" in told
+    warning = wrong_size(MUG, 0.17 * times)
+    assert warning is not None
+    assert unit in warning
+    assert "50 % at most" in warning
 
 
 @pytest.mark.parametrize("category", CATEGORIES.values(), ids=lambda category: category.name)
@@ -53,24 +53,24 @@ def test_outliers_are_unknown_and_reported() -> None:
     rng = np.random.default_rng(1)
     wild = (rng.random(depth.shape) < 0.2) & (MASK > 0)
     depth[wild] = rng.uniform(0.01, 10, wild.sum())
-    found, notes, doubts = object_depth(depth, MASK, CAMERA, MUG)
+    found, notes, warnings = object_depth(depth, MASK, CAMERA, MUG)
     kept = found.isfinite().numpy() & (MASK > 0)
     assert np.abs(found.numpy() - DEPTH)[kept].max() < 0.3
     assert np.isnan(found.numpy()[wild]).mean() > 0.9
     np.testing.assert_array_equal(found.numpy()[~wild], DEPTH[~wild])
     assert "of the depths on the object lie more than" in notes[0]
-    assert doubts == []
+    assert warnings == []
 
 
 @pytest.mark.parametrize("half", ["left", "more than half"])
 def test_half_of_the_mask_on_the_background_is_doubted(half: str) -> None:
     depth = DEPTH.copy()
     depth[:, : 320 if half == "left" else 325] = 1.0
-    found, notes, doubts = object_depth(depth, MASK, CAMERA, MUG)
+    found, notes, warnings = object_depth(depth, MASK, CAMERA, MUG)
     known = found.numpy()[(MASK > 0) & found.isfinite().numpy()]
     assert known.max() < 0.65
     assert notes == []
-    assert "does the mask cover the background?" in doubts[0]
+    assert "does the mask cover the background?" in warnings[0]
 
 
 def test_a_depth_that_is_known_nowhere_on_the_object_is_refused() -> None:

@@ -14,14 +14,14 @@ CAMERA = np.array([[200.0, 0, 79.5], [0, 200, 59.5], [0, 0, 1]])
 DEPTH = np.full(MASK.shape, 0.7, np.float32)
 
 
-def seen(mask=MASK, **given):
-    return ObservedObject.of(PHOTO, CATEGORIES["mug"], 32, mask, **{"intrinsics": CAMERA, **given})
+def observed(mask=MASK, **args):
+    return ObservedObject.of(PHOTO, CATEGORIES["mug"], 32, mask, **{"intrinsics": CAMERA, **args})
 
 
 def test_a_stray_pixel_changes_nothing_but_the_notes():
     stray = MASK.copy()
     stray[5, 150] = 1
-    clean, noted = seen(), seen(stray)
+    clean, noted = observed(), observed(stray)
     assert torch.equal(noted.observation.field("image"), clean.observation.field("image"))
     assert noted.crop == clean.crop
     assert clean.notes == ()
@@ -31,19 +31,19 @@ def test_a_stray_pixel_changes_nothing_but_the_notes():
 
 def test_a_soft_mask_is_cut_at_one_half():
     soft = np.where(MASK > 0, MASK, 0.4)
-    assert seen(soft).crop == seen().crop
-    assert seen((255 * soft).astype(np.uint8)).crop == seen().crop
+    assert observed(soft).crop == observed().crop
+    assert observed((255 * soft).astype(np.uint8)).crop == observed().crop
 
 
 def test_depth_in_millimetres_is_refused_with_its_unit():
     with pytest.raises(ValueError, match=r"depth makes the mug .* is its unit wrong \(millimetres read as metres"):
-        seen(depth=1000 * DEPTH)
+        observed(depth=1000 * DEPTH)
 
 
 def test_half_a_mask_of_background_depth_is_doubted():
     depth = DEPTH.copy()
     depth[60:] = 2.0
-    found = seen(depth=depth)
+    found = observed(depth=depth)
     assert found.doubtful
     assert "does the mask cover the background" in found.notes[-1]
     known = found.observation.field("depth")
@@ -51,7 +51,7 @@ def test_half_a_mask_of_background_depth_is_doubted():
 
 
 def test_intrinsics_of_a_picture_of_half_the_size_are_doubted():
-    found = seen(intrinsics=CAMERA * [[0.5], [0.5], [1]])
+    found = observed(intrinsics=CAMERA * [[0.5], [0.5], [1]])
     assert found.doubtful
     assert "is the middle of a picture of" in found.notes[0]
 
@@ -59,7 +59,7 @@ def test_intrinsics_of_a_picture_of_half_the_size_are_doubted():
 def test_depths_far_in_front_of_the_others_are_left_out():
     depth = DEPTH.copy()
     depth[40:43] = 0.1
-    found = seen(depth=depth)
+    found = observed(depth=depth)
     assert not found.doubtful
     assert "are taken for unknown" in found.notes[0]
 
@@ -71,8 +71,8 @@ def ignored():
 
 
 def test_ignored_pixels_are_no_object_and_have_no_weight():
-    found = seen(ignore=ignored())
-    assert found.crop == seen(MASK * (1 - ignored())).crop
+    found = observed(ignore=ignored())
+    assert found.crop == observed(MASK * (1 - ignored())).crop
     weight, mask = found.observation.field("weight"), found.observation.field("mask")
     assert set(weight.unique().tolist()) == {0.0, 1.0}
     assert float(mask[weight == 0].max()) < 0.3
@@ -82,7 +82,7 @@ def test_ignored_pixels_are_no_object_and_have_no_weight():
 
 
 def test_nothing_ignored_is_no_weight():
-    assert seen(ignore=0 * MASK).observation.weight is None
+    assert observed(ignore=0 * MASK).observation.weight is None
 
 
 @pytest.mark.parametrize(
@@ -95,4 +95,4 @@ def test_nothing_ignored_is_no_weight():
 )
 def test_what_ignores_all_or_has_another_shape_is_refused(ignore, message):
     with pytest.raises(ValueError, match=message):
-        seen(ignore=ignore)
+        observed(ignore=ignore)

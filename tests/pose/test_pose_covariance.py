@@ -51,7 +51,7 @@ def linear(values: Variables) -> Rendering:
     return Rendering(0.5 + torch.einsum("nk,kchw->nchw", steps, PATTERNS.to(steps)))
 
 
-def seen(noise: float = 0.01, intrinsics_from: str = "given", weight: Tensor | None = None) -> ObservedObject:
+def observed_of(noise: float = 0.01, intrinsics_from: str = "given", weight: Tensor | None = None) -> ObservedObject:
     picture = linear(fit_of().values).image + noise * NOISE
     blank = np.zeros((240, 320, 3), np.float32)
     crop = Crop((200.0, 90.0), 80.0, 16)
@@ -60,7 +60,7 @@ def seen(noise: float = 0.01, intrinsics_from: str = "given", weight: Tensor | N
 
 
 def covariance(fit: FitResult, category: str = "mug", draw: object = linear, **observed: object) -> Tensor:
-    found = pose_covariance(fit, seen(**observed), tiny_card(category), draw)  # type: ignore[arg-type]
+    found = pose_covariance(fit, observed_of(**observed), tiny_card(category), draw)  # type: ignore[arg-type]
     return torch.from_numpy(found)
 
 
@@ -92,15 +92,15 @@ def test_seven_pictures_are_drawn_once_and_only_when_asked(tiny_model: CategoryM
 def test_an_offset_turns_the_answer_on_the_left_about_the_camera_s_axes() -> None:
     answer = torch.from_numpy(Rotation.random(rng=np.random.default_rng(0)).as_matrix())
     vectors = torch.tensor([[0.3, -0.2, 0.1], [1e-5, 0, 0], [0, 2.0, 1.0]], dtype=torch.float64)
-    turned = torch.from_numpy(Rotation.from_rotvec(vectors.numpy()).as_matrix()) @ answer
-    torch.testing.assert_close(rotation_offset(turned, answer[None], "none"), vectors, atol=1e-7, rtol=1e-6)
+    rotated = torch.from_numpy(Rotation.from_rotvec(vectors.numpy()).as_matrix()) @ answer
+    torch.testing.assert_close(rotation_offset(rotated, answer[None], "none"), vectors, atol=1e-7, rtol=1e-6)
     # With symmetry, the part that moves the axis.
-    spun = turned @ torch.from_numpy(Rotation.from_rotvec([0, 1.2, 0]).as_matrix())
+    spun = rotated @ torch.from_numpy(Rotation.from_rotvec([0, 1.2, 0]).as_matrix())
     small = rotation_offset(spun, answer[None], "y")
     assert (small @ answer[:, 1]).abs().max() < 1e-9
-    torch.testing.assert_close(small, rotation_offset(turned, answer[None], "y"))
+    torch.testing.assert_close(small, rotation_offset(rotated, answer[None], "y"))
     back = torch.from_numpy(Rotation.from_rotvec(small.numpy()).as_matrix()) @ answer
-    torch.testing.assert_close(back[..., 1], turned[..., 1])
+    torch.testing.assert_close(back[..., 1], rotated[..., 1])
 
 
 def test_errors_of_fits_to_noisy_pictures_have_this_covariance(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -114,8 +114,10 @@ def test_errors_of_fits_to_noisy_pictures_have_this_covariance(monkeypatch: pyte
     values = {name: value.double().expand(4000, *value.shape[1:]) for name, value in fit.values.items()}
     values |= {name: values[name] + steps[:, n] for n, name in enumerate(NAMES)}
     values |= {"shift": values["shift"] + steps[:, 3:5], "scale": values["scale"] * steps[:, 5].exp()}
-    (true, place, _), (turned, places, _) = (placement(v, seen().crop, CAMERA, card) for v in (fit.values, values))
-    errors = torch.cat([rotation_offset(turned, true, "none"), places - place], 1)
+    (true, place, _), (rotated, places, _) = (
+        placement(v, observed_of().crop, CAMERA, card) for v in (fit.values, values)
+    )
+    errors = torch.cat([rotation_offset(rotated, true, "none"), places - place], 1)
     deviations = found.diagonal().sqrt()
     sample = errors.mT @ errors / 4000 / deviations[:, None] / deviations
     torch.testing.assert_close(found / deviations[:, None] / deviations, sample, atol=0.1, rtol=0)
@@ -139,7 +141,7 @@ def test_it_grows_with_what_the_drawing_does_not_explain() -> None:
 def test_pixels_of_no_weight_tell_nothing_be_they_nan() -> None:
     weight = torch.ones(1, 1, 16, 16)
     weight[..., :12] = 0
-    known = seen(weight=weight)
+    known = observed_of(weight=weight)
     hidden = replace(known.observation, image=known.observation.image.where(weight > 0, torch.nan))
     found = pose_covariance(fit_of(), replace(known, observation=hidden), tiny_card(), linear)
     part = torch.from_numpy(found)
@@ -147,14 +149,14 @@ def test_pixels_of_no_weight_tell_nothing_be_they_nan() -> None:
 
 
 def test_starts_that_end_at_another_pose_make_it_larger() -> None:
-    sure, ambiguous, unlikely = (
+    certain, ambiguous, unlikely = (
         covariance(fit_of((0.5, end), (1.0, energy))) for end, energy in ((0.5, 1.0), (1.5, 1.0), (1.5, 2.0))
     )
-    up = placement(fit_of().values, seen().crop, CAMERA, tiny_card())[0][0, :, 1]
+    up = placement(fit_of().values, observed_of().crop, CAMERA, tiny_card())[0][0, :, 1]
     # Two poses of one weight, one radian apart: half a square radian about the object's vertical axis.
-    assert float(up @ (ambiguous - sure)[:3, :3] @ up) == pytest.approx(0.5, rel=1e-3)
-    assert torch.linalg.eigvalsh(ambiguous - sure).min() > -1e-9
-    assert float(up @ (unlikely - sure)[:3, :3] @ up) < 1e-3
+    assert float(up @ (ambiguous - certain)[:3, :3] @ up) == pytest.approx(0.5, rel=1e-3)
+    assert torch.linalg.eigvalsh(ambiguous - certain).min() > -1e-9
+    assert float(up @ (unlikely - certain)[:3, :3] @ up) < 1e-3
 
 
 def test_an_angle_that_no_pixel_tells_is_even_over_the_circle() -> None:
@@ -162,13 +164,13 @@ def test_an_angle_that_no_pixel_tells_is_even_over_the_circle() -> None:
         return linear(values | {"azimuth": 0 * values["azimuth"] + 0.5})
 
     found = covariance(fit_of(), draw=without_azimuth)
-    up = placement(fit_of().values, seen().crop, CAMERA, tiny_card())[0][0, :, 1]
+    up = placement(fit_of().values, observed_of().crop, CAMERA, tiny_card())[0][0, :, 1]
     assert float(up @ found[:3, :3] @ up) == pytest.approx(ANGLE_SD**2, rel=0.02)
 
 
 def test_the_turn_about_a_symmetry_axis_is_even_and_uncorrelated() -> None:
     found = covariance(fit_of((0.5, 2.0), (1.0, 1.0)), "can")
-    up = placement(fit_of().values, seen().crop, CAMERA, tiny_card("can"))[0][0, :, 1]
+    up = placement(fit_of().values, observed_of().crop, CAMERA, tiny_card("can"))[0][0, :, 1]
     axis = torch.cat([up, torch.zeros(3, dtype=torch.float64)])
     torch.testing.assert_close(found @ axis, ANGLE_SD**2 * axis)
     assert torch.linalg.eigvalsh(found).min() > 0
@@ -176,7 +178,7 @@ def test_the_turn_about_a_symmetry_axis_is_even_and_uncorrelated() -> None:
 
 
 def test_distance_is_as_uncertain_as_what_it_rests_on() -> None:
-    place = placement(fit_of().values, seen().crop, CAMERA, tiny_card())[1][0]
+    place = placement(fit_of().values, observed_of().crop, CAMERA, tiny_card())[1][0]
     ray, mean = place / place.norm(), covariance(fit_of())
     deviation = float((ray @ mean[3:, 3:] @ ray).sqrt() / place.norm())
     least, most = CATEGORIES["mug"].diagonals
@@ -187,24 +189,24 @@ def test_distance_is_as_uncertain_as_what_it_rests_on() -> None:
 
 
 def test_a_lens_that_is_estimated_leaves_the_distance_more_uncertain() -> None:
-    given, tags, estimated = (
+    inputs, tags, estimated = (
         covariance(fit_of(focal=500 / 80), intrinsics_from=source) for source in ("given", "EXIF", "estimated")
     )
-    assert given[5, 5] < tags[5, 5] < estimated[5, 5]
-    assert float(estimated[5, 5]) > 1.5 * float(given[5, 5])
+    assert inputs[5, 5] < tags[5, 5] < estimated[5, 5]
+    assert float(estimated[5, 5]) > 1.5 * float(inputs[5, 5])
 
 
 def test_the_factor_of_the_card_multiplies_all_but_what_symmetry_leaves_open() -> None:
     fits = {"starts": 1, "steps": 1, "left": 1, "weights": {}}
     for category, kept in (("mug", 0.0), ("bottle", ANGLE_SD**2)):
         card = tiny_card(category)
-        plain = pose_covariance(fit_of(), seen(), card, linear)
-        card.calibration["RGB"] = Calibration(0.0, {}, 1.0, fits, 9, covariance_factor=4.0)
+        plain = pose_covariance(fit_of(), observed_of(), card, linear)
+        card = replace(card, calibration={"RGB": Calibration(0.0, {}, 1.0, fits, 9, covariance_factor=4.0)})
         axis = np.zeros((6, 1))
-        axis[:3] = placement(fit_of().values, seen().crop, CAMERA, card)[0][0, :, 1:2].numpy()
+        axis[:3] = placement(fit_of().values, observed_of().crop, CAMERA, card)[0][0, :, 1:2].numpy()
         turn = kept * axis @ axis.T
         np.testing.assert_allclose(
-            pose_covariance(fit_of(), seen(), card, linear) - turn, 4 * (plain - turn), rtol=1e-6
+            pose_covariance(fit_of(), observed_of(), card, linear) - turn, 4 * (plain - turn), rtol=1e-6
         )
 
 

@@ -25,9 +25,9 @@ def model(tiny_model):
 @pytest.fixture
 def runs(monkeypatch):
     """Pictures in each run of any pose head."""
-    seen, forward = [], PoseHead.forward
-    monkeypatch.setattr(PoseHead, "forward", lambda self, image: (seen.append(len(image)), forward(self, image))[1])
-    return seen
+    recorded, forward = [], PoseHead.forward
+    monkeypatch.setattr(PoseHead, "forward", lambda self, image: (recorded.append(len(image)), forward(self, image))[1])
+    return recorded
 
 
 PHOTO, MASK = np.random.default_rng(0).random((40, 40, 3)), np.ones((40, 40))
@@ -39,9 +39,9 @@ def test_one_photo_takes_one_run_of_the_head(model, runs):
 
 
 def test_the_answer_is_that_of_three_runs(model):
-    seen = ObservedObject.of(PHOTO, CATEGORIES["mug"], model.image_size, MASK)
+    observed = ObservedObject.of(PHOTO, CATEGORIES["mug"], model.image_size, MASK)
     fit = model.pipeline(2, 1)
-    alone = model.answer(fit(seen.observation, seed=0), seen, seen.observation)
+    alone = model.answer(fit(observed.observation, seed=0), observed, observed.observation)
     assert alone.to_dict() == model.pose(PHOTO, mask=MASK, pipeline=fit).to_dict()
 
 

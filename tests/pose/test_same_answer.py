@@ -23,12 +23,12 @@ print(answer.rotation.tobytes().hex(), answer.translation.tobytes().hex(), answe
 
 @pytest.mark.slow
 def test_two_processes_answer_the_same_to_the_last_bit_whatever_they_drew_before() -> None:
-    said = [
+    answers = [
         subprocess.run([sys.executable, "-c", FIT, number], capture_output=True, text=True, check=True).stdout
         for number in ("1", "99")
     ]
-    assert said[0] == said[1]
-    assert len(said[0]) > 100
+    assert answers[0] == answers[1]
+    assert len(answers[0]) > 100
 
 
 @pytest.mark.slow
@@ -36,10 +36,10 @@ def test_a_bundled_model_s_answer_is_the_same_in_any_batch_and_chunk(monkeypatch
     from kfit.bench.held_out_views import held_out_views
 
     model = kfit.load("mug")
-    seen, fit = held_out_views(model, 3).observation, model.pipeline()
+    observed, fit = held_out_views(model, 3).observation, model.pipeline()
 
     def fitted(*rows: int) -> FitResult:
-        fields = {name: getattr(seen, name)[list(rows)] for name in ("image", "mask", "intrinsics")}
+        fields = {name: getattr(observed, name)[list(rows)] for name in ("image", "mask", "intrinsics")}
         return fit(Observation(**fields, keys=rows), seed=3)
 
     whole = fitted(0, 1, 2)

@@ -61,9 +61,9 @@ def test_the_reference_view_is_drawn_as_it_is_without_others():
     # Upright in the middle, an object before a camera that goes round it turns about its own axis.
     level = values | {"elevation": 0 * values["elevation"]}
     drawn = views(**level, diagonal=torch.tensor([0.2, 0.2]).double(), **context)
-    turned = {name: value[1:] for name, value in level.items()}
-    turned["azimuth"] = turned["azimuth"] + 0.7
-    torch.testing.assert_close(drawn.image[3:], warped(**turned).image, rtol=0, atol=1e-6)
+    rotated = {name: value[1:] for name, value in level.items()}
+    rotated["azimuth"] = rotated["azimuth"] + 0.7
+    torch.testing.assert_close(drawn.image[3:], warped(**rotated).image, rtol=0, atol=1e-6)
 
 
 def test_a_view_through_a_lens_twice_as_long_is_drawn_twice_as_large():

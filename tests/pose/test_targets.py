@@ -63,16 +63,16 @@ def test_a_mask_or_alpha_channel_tells_the_one_object_and_its_look_the_category(
 
 def test_only_a_mask_of_a_person_or_file_is_one_that_nothing_may_change() -> None:
     finder: Any = Finder([one("mug", LEFT)])
-    assert [target.given for target in find_targets(PHOTO, mask=LEFT, finder=finder)] == [True]
-    assert [target.given for target in find_targets(Photo(PHOTO.image, LEFT), finder=finder)] == [True]
-    assert [target.given for target in find_targets(PHOTO, finder=finder)] == [False]
+    assert [target.chosen for target in find_targets(PHOTO, mask=LEFT, finder=finder)] == [True]
+    assert [target.chosen for target in find_targets(Photo(PHOTO.image, LEFT), finder=finder)] == [True]
+    assert [target.chosen for target in find_targets(PHOTO, finder=finder)] == [False]
 
 
 def test_an_object_without_a_part_that_sticks_out_is_doubted() -> None:
     mask = mask_at(10, 20, 40, 40) + mask_at(50, 35, 30, 10)
     [smaller] = smaller_targets(one("mug", mask))
     assert smaller.box == pytest.approx((10, 20, 40, 40), abs=2)
-    assert smaller.segment.doubts[0].startswith("a part that sticks out of the mask, 1")
+    assert smaller.segment.warnings[0].startswith("a part that sticks out of the mask, 1")
     assert smaller_targets(one("mug", LEFT)) == []
 
 
@@ -87,11 +87,11 @@ def test_a_mask_of_two_objects_or_of_background_is_doubted() -> None:
     both = mask_at(10, 20, 90, 40)
     two: Any = Finder([one("mug", LEFT), one("can", RIGHT)])
     (target,) = find_targets(PHOTO, mask=both, finder=two)
-    assert target.segment.doubts == ("the mask seems to show 2 objects; the confidence is 50 % at most",)
+    assert target.segment.warnings == ("the mask seems to show 2 objects; the confidence is 50 % at most",)
     (target,) = find_targets(PHOTO, mask=LEFT, finder=two)
-    assert target.segment.doubts == ()
+    assert target.segment.warnings == ()
     (target,) = find_targets(PHOTO, mask=LEFT, finder=Finder(salient=0.1))  # type: ignore[arg-type]
-    assert "background" in target.segment.doubts[0]
+    assert "background" in target.segment.warnings[0]
 
 
 class OwnDetector(Detector):
@@ -128,5 +128,5 @@ def test_an_improbable_category_lowers_the_confidence_and_says_so(score: float, 
 
 
 def test_a_probable_category_lowers_the_confidence_by_what_is_left_open() -> None:
-    sure: Any = with_score(Answer(0.95, []), one("mug", LEFT, 0.9))  # type: ignore[arg-type]
-    assert sure == Answer(0.9 * 0.95, [], 0.9)
+    certain: Any = with_score(Answer(0.95, []), one("mug", LEFT, 0.9))  # type: ignore[arg-type]
+    assert certain == Answer(0.9 * 0.95, [], 0.9)

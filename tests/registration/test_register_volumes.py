@@ -123,6 +123,6 @@ def test_volumes_of_other_sizes_are_registered_in_voxels():
     ],
 )
 def test_volumes_that_cannot_be_registered_are_refused(arguments, error, message):
-    given = {"moving": torch.rand(1, 1, 12, 12, 12), "fixed": torch.rand(1, 1, 12, 12, 12), "motion": "affine"}
+    inputs = {"moving": torch.rand(1, 1, 12, 12, 12), "fixed": torch.rand(1, 1, 12, 12, 12), "motion": "affine"}
     with pytest.raises(error, match=message):
-        kfit.register(**given | arguments)
+        kfit.register(**inputs | arguments)

@@ -42,8 +42,8 @@ def test_a_gif_has_a_frame_for_each_step_and_the_crop_in_all(tmp_path: Path) -> 
             moving.seek(step)
             pictures.append(np.asarray(moving.convert("RGB"), np.int16))
     crops = [picture[:SIDE, :SIDE] for picture in pictures]
-    seen = np.asarray(Image.fromarray(fit_frames(fitted_mug()).observed).resize((SIDE, SIDE)), np.int16)
-    assert all(np.abs(crop - seen).mean() < 6 for crop in crops)
+    observation = np.asarray(Image.fromarray(fit_frames(fitted_mug()).observed).resize((SIDE, SIDE)), np.int16)
+    assert all(np.abs(crop - observation).mean() < 6 for crop in crops)
     drawings = [picture[:SIDE, -SIDE:] for picture in pictures]
     assert np.abs(drawings[0] - drawings[-1]).mean() > 1
 

@@ -16,7 +16,7 @@ def entry(image, mask, distance=2.0):
 
 
 @pytest.fixture
-def seen():
+def view():
     image, mask = np.zeros((60, 80, 3)), np.zeros((60, 80))
     image[..., 1] = 1.0
     mask[20:40, 30:50] = 1
@@ -32,8 +32,8 @@ def test_errors_are_shown_evenly_from_the_least_to_the_greatest():
     assert evenly([math.nan], 3) == []
 
 
-def test_a_cell_shows_photo_mask_drawing_and_pose(seen):
-    sheet = contact_sheet([entry(*seen)], "title")
+def test_a_cell_shows_photo_mask_drawing_and_pose(view):
+    sheet = contact_sheet([entry(*view)], "title")
     height, width, _ = sheet.shape
     assert width > 4 * PANEL
     row = height - 60 - PANEL // 2
@@ -47,16 +47,16 @@ def test_a_cell_shows_photo_mask_drawing_and_pose(seen):
     assert (pose[:, 2] > 100).any()  # the axis z ends in a blue disc, seen end on
 
 
-def test_cells_fill_columns_from_the_top(seen):
-    one, three = (contact_sheet([entry(*seen)] * count, "title") for count in (1, 3))
+def test_cells_fill_columns_from_the_top(view):
+    one, three = (contact_sheet([entry(*view)] * count, "title") for count in (1, 3))
     assert three.shape[1] > 1.9 * one.shape[1]
     lower = three[one.shape[0] :]
     assert lower[:, : one.shape[1] - 14].std() > 10
     assert (lower[:, one.shape[1] :] == 255).all()
 
 
-def test_a_pose_behind_the_camera_does_not_spoil_the_sheet(seen):
-    assert contact_sheet([entry(*seen, distance=0.01)], "title").shape[0] > PANEL
+def test_a_pose_behind_the_camera_does_not_spoil_the_sheet(view):
+    assert contact_sheet([entry(*view, distance=0.01)], "title").shape[0] > PANEL
 
 
 def test_nothing_to_show_is_an_error():

@@ -31,14 +31,14 @@ class Tags(HTMLParser):
     def __init__(self, text: str) -> None:
         super().__init__()
         self.found: list[tuple[str, dict[str, str | None]]] = []
-        self.said = ""
+        self.text = ""
         self.feed(text)
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.found.append((tag, dict(attrs)))
 
     def handle_data(self, data: str) -> None:
-        self.said += data
+        self.text += data
 
     def of(self, tag: str) -> list[dict[str, str | None]]:
         return [attributes for name, attributes in self.found if name == tag]
@@ -99,26 +99,26 @@ def test_headings_and_sections_tell_the_structure(tags: Tags) -> None:
     assert [meta["content"] for meta in tags.of("meta") if meta.get("name") == "viewport"] == [
         "width=device-width, initial-scale=1"
     ]
-    assert "prefers-color-scheme: dark" in tags.said
+    assert "prefers-color-scheme: dark" in tags.text
 
 
 def test_numbers_have_units_and_the_makers_are_named(tags: Tags) -> None:
     result = fitted_mug()
     for part in result.quaternion_wxyz:
-        assert number(part, 4) in tags.said
+        assert number(part, 4) in tags.text
     for part in (*result.translation, *result.size):
-        assert f"{number(100 * part, 1)} cm" in tags.said
-    assert f"{100 * result.confidence:.1f} %" in tags.said
-    assert all(name in tags.said for name in ("perceptual", "ssim", "silhouette", "prior", "pose"))
-    assert "kfit pose mug.png --category mug" in tags.said
-    assert f"kfit {kfit.__version__} · torch {torch.__version__} · Python 3." in tags.said
+        assert f"{number(100 * part, 1)} cm" in tags.text
+    assert f"{100 * result.confidence:.1f} %" in tags.text
+    assert all(name in tags.text for name in ("perceptual", "ssim", "silhouette", "prior", "pose"))
+    assert "kfit pose mug.png --category mug" in tags.text
+    assert f"kfit {kfit.__version__} · torch {torch.__version__} · Python 3." in tags.text
 
 
 def test_text_from_outside_is_escaped() -> None:
     text = page(replace(fitted_mug(), notes=[NASTY]), NASTY)
     tags = Tags(text)
     assert NASTY not in text
-    assert tags.said.count(NASTY) == 2
+    assert tags.text.count(NASTY) == 2
     assert json.loads(re.findall(r'id="json">(.*?)</script>', text)[0])["notes"] == [NASTY]
     assert [script.get("type") for script in tags.of("script")] == ["application/json", None]
     assert not tags.of("b")
@@ -127,7 +127,7 @@ def test_text_from_outside_is_escaped() -> None:
 def test_the_answer_is_in_the_words_of_the_command_line(tags: Tags) -> None:
     words = words_of(fitted_mug())
     for part in (words.view, words.size, words.distance, words.confidence, words.meaning):
-        assert part in tags.said
+        assert part in tags.text
     assert "handle" in words.view
     assert "handle" not in words_of(fitted_mug("can")).view
 
@@ -172,7 +172,7 @@ def test_an_answer_from_a_fit_of_several_objects_has_a_page_of_its_own() -> None
     assert answers[1] is not None
     frames, expected = fit_frames(answers[1]), fit_frames(alone)
     assert frames.energy == pytest.approx(expected.energy, rel=1e-3)
-    assert Tags(page(answers[1])).said.count("start") == Tags(page(alone)).said.count("start")
+    assert Tags(page(answers[1])).text.count("start") == Tags(page(alone)).text.count("start")
 
 
 def test_numbers_have_a_true_minus_and_no_negative_zero() -> None:

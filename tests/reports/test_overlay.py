@@ -50,9 +50,9 @@ def test_the_masks_outline_is_drawn_in_white() -> None:
 
 
 def test_panels_stand_beside_the_photo_and_the_caption_below() -> None:
-    seen, drawing = torch.zeros(3, 64, 64), torch.zeros(3, 64, 64)
-    seen[0], drawing[1] = 1, 1
-    picture = shown(640, 480, observed=seen, drawing=drawing, caption="mug\n12.5° off")
+    observation, drawing = torch.zeros(3, 64, 64), torch.zeros(3, 64, 64)
+    observation[0], drawing[1] = 1, 1
+    picture = shown(640, 480, observed=observation, drawing=drawing, caption="mug\n12.5° off")
     assert picture.shape[1] == 640 + 240
     assert picture.shape[0] > 480
     assert picture[120, 760].tolist() == [255, 0, 0]

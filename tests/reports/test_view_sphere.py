@@ -25,7 +25,7 @@ def test_the_camera_is_where_the_fit_saw_the_object_from(azimuth: float, elevati
     assert found == pytest.approx((azimuth, elevation, 12), abs=1e-6)
 
 
-def turned(degrees: float, weight: float) -> Alternative:
+def rotated(degrees: float, weight: float) -> Alternative:
     """The fitted mug turned about its own upright axis."""
     a = math.radians(degrees)
     about = np.array([[math.cos(a), 0, math.sin(a)], [0, 1, 0], [-math.sin(a), 0, math.cos(a)]])
@@ -39,7 +39,7 @@ def discs(svg: str) -> list[float]:
 
 
 def test_discs_have_the_poses_weights_and_the_answer_is_marked() -> None:
-    svg = view_sphere(replace(fitted_mug(), alternatives=[turned(0, 0.7), turned(90, 0.2), turned(180, 0.1)]))
+    svg = view_sphere(replace(fitted_mug(), alternatives=[rotated(0, 0.7), rotated(90, 0.2), rotated(180, 0.1)]))
     assert re.findall(r">([^<>]*\d+ %)<", svg) == ["10 %", "20 %", "answer, 70 %"]
     tenth, fifth, answer = sorted(discs(svg))
     assert (answer - fifth) / (fifth - tenth) == pytest.approx(5, rel=0.01)

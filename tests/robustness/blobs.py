@@ -104,6 +104,6 @@ def at_once(work: Callable[[int], Any], count: int = THREADS) -> list[Any]:
         return list(pool.map(one, range(count)))
 
 
-def seen(category: str, number: int) -> Any:
+def view_of(category: str, number: int) -> Any:
     mesh, light = build(category, number)
     return pose_view(mesh, 0.5, 0.3 * number, light, 96)

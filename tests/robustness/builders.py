@@ -138,7 +138,7 @@ def wrapped(generator):
 
 def classes() -> dict[str, tuple[Callable, dict]]:
     """Public classes that can be built, each with the arguments that build it."""
-    given, found = arguments(), {"FitPipeline": FitPipeline}
+    inputs, found = arguments(), {"FitPipeline": FitPipeline}
     for room in ROOMS:
         module = importlib.import_module(f"kfit.{room}")
         for name in getattr(module, "__all__", vars(module)):
@@ -148,11 +148,11 @@ def classes() -> dict[str, tuple[Callable, dict]]:
     for name in ("dataset_fit.DatasetFit", "photo_folder.PhotoFolder", "nocs_fit.NOCSFit"):
         module, part = name.split(".")
         found[part] = getattr(importlib.import_module(f"kfit.batch.{module}"), part)
-    given |= {
+    inputs |= {
         "PhotoFolder": {"root": Path("photos"), "category": "mug"},
         "NOCSFit": {"root": Path("nocs"), "split": "real_test"},
     }
-    return {name: (part, given.get(name, {})) for name, part in sorted(found.items()) if name not in ASIDE}
+    return {name: (part, inputs.get(name, {})) for name, part in sorted(found.items()) if name not in ASIDE}
 
 
 def functions() -> dict[str, tuple[Callable, dict]]:

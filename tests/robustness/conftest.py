@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from blobs import THREADS, seen
+from blobs import THREADS, view_of
 from hypothesis.configuration import set_hypothesis_home_dir
 
 import kfit
@@ -23,7 +23,7 @@ def mug() -> CategoryModel:
 
 @pytest.fixture(scope="module")
 def photos() -> list[Any]:
-    return [seen("mug", number) for number in range(THREADS)]
+    return [view_of("mug", number) for number in range(THREADS)]
 
 
 @pytest.fixture

@@ -20,40 +20,25 @@ if __name__ == "__main__":
 import numpy as np
 import torch
 from skimage.io import imsave
+from tiny_model import write_tiny
 
 import kfit.models
 import kfit.pose.targets
 from kfit.bench import page as bench_page
 from kfit.cli.main import main
 from kfit.data import build, dump_pickle, pose_view
-from kfit.data.views import build_views
-from kfit.generators import VAE3D, ConvEncoder, ExtentsHead
-from kfit.models import load, write_model
-from kfit.pose import Card, CategoryModel
+from kfit.data.rendered_views import build_views
+from kfit.models import load
+from kfit.pose import CategoryModel
 from kfit.pose.object_finder import FoundObject, box_of
 from kfit.runtime.console import session
 from kfit.segmentation import Segment
 from kfit.tracking import TrackedPose, Tracker
 
 Command = Callable[[], object]
-SAID = {
-    "generator": (VAE3D, {"code_dim": 4, "volume_dims": [8, 8, 4], "projection_dim": 8, "decoder_dims": [8, 8]}),
-    "encoder": (ConvEncoder, {"code_dim": 4, "channels": [8, 8, 8, 8]}),
-    "extents": (ExtentsHead, {"code_dim": 4}),
-}
 # In blocks: for what is done in a moment, and how much is made each time for what takes long.
 ROOMS = (0, 1, 2, 5, 12, *(30 * 3**k for k in range(9)))
 ROUNDS = {"views": 50, "training": 30, "data set": 3}
-
-
-def write_tiny(path: Path) -> None:
-    torch.manual_seed(0)
-    named = {
-        name: {"class_path": f"kfit.generators.{kind.__name__}", "init_args": args}
-        for name, (kind, args) in SAID.items()
-    }
-    card = Card("mug", named, 4.0, 1.0, (-15.0, 75.0), "y up", "none", 0.17)
-    write_model(path, {name: kind(**args) for name, (kind, args) in SAID.items()}, card)
 
 
 def write_results(folder: Path) -> None:
@@ -69,7 +54,7 @@ def write_results(folder: Path) -> None:
 class Still(Tracker):
     """Finds in every frame what it found in the first."""
 
-    def __call__(self, *seen: object) -> TrackedPose:  # type: ignore[override]
+    def __call__(self, *observed: object) -> TrackedPose:  # type: ignore[override]
         return self.last
 
 

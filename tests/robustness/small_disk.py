@@ -48,8 +48,8 @@ class Disk:
 
     def leave(self, blocks: int | None) -> None:
         """Leave room for so many blocks of 4096 bytes; without a number, nothing can be written any more."""
-        told = os.statvfs(self.path)
-        size = told.f_blocks if blocks is None else told.f_blocks - told.f_bfree + blocks
+        sizes = os.statvfs(self.path)
+        size = sizes.f_blocks if blocks is None else sizes.f_blocks - sizes.f_bfree + blocks
         flags = REMOUNT | (READ_ONLY if blocks is None else 0)
         # A tmpfs of 0 blocks would be one without a limit.
         _call("mount", b"tmpfs", str(self.path).encode(), b"tmpfs", flags, f"size={max(1, size) * BLOCK}".encode())
@@ -62,16 +62,16 @@ class Disk:
 
 @dataclass(frozen=True)
 class End:
-    """How a command ended: its status, and what it told, libraries in C as well."""
+    """How a command ended: its status, and what it printed, libraries in C included."""
 
     status: object
-    said: str
+    message: str
 
     @property
     def sentence(self) -> str:
         """The one sentence of an end with status 2."""
         assert self.status == 2, self
-        (line,) = self.said.splitlines()
+        (line,) = self.message.splitlines()
         assert line.startswith("kfit: "), self
         return line.removeprefix("kfit: ")
 
@@ -88,9 +88,9 @@ class Try:
 def ended(command: Callable[[], object]) -> End:
     """How a command ends."""
     status: object = 0
-    with tempfile.TemporaryFile(dir="/dev/shm" if Path("/dev/shm").is_dir() else None) as told:
+    with tempfile.TemporaryFile(dir="/dev/shm" if Path("/dev/shm").is_dir() else None) as errors:
         kept = os.dup(2)
-        os.dup2(told.fileno(), 2)
+        os.dup2(errors.fileno(), 2)
         try:
             with (
                 open(2, "w", closefd=False) as stderr,
@@ -103,5 +103,5 @@ def ended(command: Callable[[], object]) -> End:
         finally:
             os.dup2(kept, 2)
             os.close(kept)
-        told.seek(0)
-        return End(status, told.read().decode())
+        errors.seek(0)
+        return End(status, errors.read().decode())

@@ -28,14 +28,14 @@ SIZES = {
     "num_samples", "population", "projection_dim", "volume_dims",
 }  # fmt: skip
 # Either refused at once or small: a network of 10^5 channels is not to be built here.
-WHOLE = st.integers(max_value=8) | st.integers(min_value=10**8)
-SCALAR = st.one_of(st.floats(), WHOLE, st.text(max_size=3), st.none(), st.booleans())
+INTEGERS = st.integers(max_value=8) | st.integers(min_value=10**8)
+SCALAR = st.one_of(st.floats(), INTEGERS, st.text(max_size=3), st.none(), st.booleans())
 NAMES = st.sampled_from(["code", "shift", "image", "gone"]) | st.text(max_size=2)
 ANY = st.one_of(
     SCALAR,
     st.lists(SCALAR, max_size=4),
     st.lists(st.floats(-100, 100), min_size=2, max_size=3).map(tuple),
-    st.lists(WHOLE, min_size=1, max_size=3).map(tuple),
+    st.lists(INTEGERS, min_size=1, max_size=3).map(tuple),
     st.dictionaries(NAMES, SCALAR, max_size=2),
 )
 FEW = settings(max_examples=24, derandomize=True, deadline=None, database=None, suppress_health_check=list(HealthCheck))
@@ -62,7 +62,7 @@ def too_large(name, value):
     return name in SIZES and any(isinstance(number, int) and number >= 10**8 for number in numbers)
 
 
-def verdict(part, name, value):
+def outcome(part, name, value):
     """ "works", "refused", or a sentence on what is wrong."""
     call, base = PARTS[part]
     try:
@@ -70,9 +70,9 @@ def verdict(part, name, value):
             warnings.simplefilter("ignore")
             made = call(**{**base, name: value})
     except (ValueError, TypeError) as error:
-        said = str(error)
-        if name not in said or "\n" in said:
-            return f"unnamed: {type(error).__name__}: {said}"
+        message = str(error)
+        if name not in message or "\n" in message:
+            return f"unnamed: {type(error).__name__}: {message}"
         return "refused"
     except ENDS:
         made = None
@@ -114,12 +114,12 @@ def test_a_wrong_argument_is_refused_by_its_name(part, name):
     if part in FETCHED and name == "weights":
         pytest.skip("what a file of weights is, is not asked without one")
     asked = [value for value in WRONG if not too_large(name, value)]
-    bad = {repr(value): said for value in asked if (said := verdict(part, name, value)) not in ("works", "refused")}
+    bad = {repr(value): found for value in asked if (found := outcome(part, name, value)) not in ("works", "refused")}
     assert not bad
 
     @FEW
     @given(ANY)
     def whatever(value):
-        assert too_large(name, value) or verdict(part, name, value) in ("works", "refused")
+        assert too_large(name, value) or outcome(part, name, value) in ("works", "refused")
 
     whatever()

@@ -25,6 +25,7 @@ def test_a_picture_of_one_colour_is_answered_without_confidence(category: str, c
     assert np.isfinite(answer.translation).all()
 
 
+@pytest.mark.slow
 def test_colours_that_differ_a_little_are_not_called_one() -> None:
     rng = np.random.default_rng(0)
     answer = kfit.load("mug").pose(rng.uniform(0.4, 0.6, (60, 80, 3)).astype(np.float32), mask=SQUARE)

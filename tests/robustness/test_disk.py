@@ -71,9 +71,9 @@ def check(name: str, tries: list[Try]) -> None:
     assert (whole.end.status, whole.after.keys()) == (0, WRITTEN[name])
     *failed, last = full
     assert failed  # there was a first room that was too small
-    for one, said in [(read_only, READ_ONLY), *((one, FULL) for one in failed)]:
-        assert one.end.sentence.startswith(said)
-        place = one.end.sentence.removeprefix(said).strip("'").rpartition("disk of " + name + "/")[2]
+    for one, message in [(read_only, READ_ONLY), *((one, FULL) for one in failed)]:
+        assert one.end.sentence.startswith(message)
+        place = one.end.sentence.removeprefix(message).strip("'").rpartition("disk of " + name + "/")[2]
         # Of what cannot be written to at all, the folder is named, before any work.
         assert place in WRITTEN[name] or (
             one is read_only and any(file.startswith(f"{place}/") for file in WRITTEN[name])

@@ -103,10 +103,10 @@ def refused(words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
 
 
 def with_option(name: str, option: str, *values: str) -> list[str]:
-    rest = list(NEEDED.get(name, []))
-    if option in rest:
-        del rest[rest.index(option) : rest.index(option) + 2]
-    return [*name.split(), *rest, *([f"{option}={values[0]}"] if len(values) == 1 else [option, *values])]
+    others = list(NEEDED.get(name, []))
+    if option in others:
+        del others[others.index(option) : others.index(option) + 2]
+    return [*name.split(), *others, *([f"{option}={values[0]}"] if len(values) == 1 else [option, *values])]
 
 
 def test_every_command_is_asked() -> None:
@@ -233,15 +233,15 @@ def test_what_is_no_file_of_its_kind_is_refused_before_a_fit(
 ) -> None:
     monkeypatch.setattr(FitPipeline, "forward", reach)
     *command, option = what.split()
-    rest, end = READ[what]
+    others, end = READ[what]
     for word in ("gone", f"gone{end}", f"{files}/empty", f"{files}/garbage", f"{files}/garbage{end}", f"{files}/pipe"):
         if what == "bench paper --vgg16" and "garbage" in word:
             continue  # looked into when it is needed
         value = f"[{word}]" if option in ("--categories", "--recipes") else word
-        given = [f"{option}={value}"] if option.startswith("--") else [value]
-        words = [*command, *given, *(part.format(files) for part in rest)]
-        said = refused(words, capsys)
-        assert Path(word).stem in said or option in said or f" {option.lstrip('-')} " in said, (words, said)
+        inputs = [f"{option}={value}"] if option.startswith("--") else [value]
+        words = [*command, *inputs, *(part.format(files) for part in others)]
+        message = refused(words, capsys)
+        assert Path(word).stem in message or option in message or f" {option.lstrip('-')} " in message, (words, message)
 
 
 # Values of the right type that are out of range, and what is told of them beside their option.
@@ -274,13 +274,13 @@ def test_numbers_out_of_range_are_refused_before_any_work(
     other = {"pose": [f"{files}/photo.png", "--mask", f"{files}/mask.png"]}.get(name, NEEDED.get(name, []))
     for words in RANGES[name]:
         option = words.partition("=")[0].split()[0]
-        rest = list(other)
-        if option in rest:
-            del rest[rest.index(option) : rest.index(option) + 2]
+        others = list(other)
+        if option in others:
+            del others[others.index(option) : others.index(option) + 2]
         if name == "pose" and option != "--model":
-            rest += ["--category", "mug"]
-        said = refused([*name.split(), *rest, *words.split(maxsplit=1 if "--poses" in words else 0)], capsys)
-        assert option in said or option.lstrip("-") in said or "nope" in said
+            others += ["--category", "mug"]
+        message = refused([*name.split(), *others, *words.split(maxsplit=1 if "--poses" in words else 0)], capsys)
+        assert option in message or option.lstrip("-") in message or "nope" in message
 
 
 TREES = {

@@ -83,11 +83,11 @@ def test_a_clip_reads_no_other_file(tmp_path: Path) -> None:
             Frames.of(address)
 
 
-def glb(picture: bytes = b"", change: Callable[[dict[str, Any]], object] = lambda said: None) -> bytes:
+def glb(picture: bytes = b"", change: Callable[[dict[str, Any]], object] = lambda content: None) -> bytes:
     """A triangle with a texture."""
     held = CORNERS + PLACES + np.arange(3, dtype=np.uint32).tobytes()
     spans = [(0, 36), (36, 24), (60, 12), (72, len(picture))]
-    said: dict[str, Any] = {
+    content: dict[str, Any] = {
         "asset": {"version": "2.0"},
         "scene": 0,
         "scenes": [{"nodes": [0]}],
@@ -105,8 +105,8 @@ def glb(picture: bytes = b"", change: Callable[[dict[str, Any]], object] = lambd
         "bufferViews": [{"buffer": 0, "byteOffset": start, "byteLength": size} for start, size in spans],
         "buffers": [{"byteLength": 72 + len(picture)}],
     }
-    change(said)
-    text, held = json.dumps(said).encode(), held + picture
+    change(content)
+    text, held = json.dumps(content).encode(), held + picture
     text, held = text + b" " * (-len(text) % 4), held + b"\0" * (-len(held) % 4)
     body = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(held), b"BIN\0") + held
     return struct.pack("<4sII", b"glTF", 2, 12 + len(body)) + body
@@ -120,8 +120,8 @@ def plain(side: int, color: tuple[int, int, int] = (0, 255, 0)) -> bytes:
 
 def head(side: int) -> bytes:
     """A PNG that ends after saying how large it is."""
-    said = b"IHDR" + struct.pack(">IIBBBBB", side, side, 8, 2, 0, 0, 0)
-    start = b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + said + struct.pack(">I", zlib.crc32(said))
+    header = b"IHDR" + struct.pack(">IIBBBBB", side, side, 8, 2, 0, 0, 0)
+    start = b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + header + struct.pack(">I", zlib.crc32(header))
     return start + struct.pack(">I", 1000) + b"IDAT"
 
 
@@ -132,7 +132,7 @@ def test_a_mesh_reads_no_picture_elsewhere(tmp_path: Path) -> None:
     (tmp_path / "given/own.png").write_bytes(plain(8))
     away = ["../secret.png", f"{tmp_path}/secret.png", f"file://{tmp_path}/secret.png", "%2e%2e/secret.png", "link.png"]
     for place in [*away, "http://127.0.0.1:9/x.png", "own.png"]:
-        (tmp_path / "given/m.glb").write_bytes(glb(change=lambda said, p=place: said.update(images=[{"uri": p}])))
+        (tmp_path / "given/m.glb").write_bytes(glb(change=lambda content, p=place: content.update(images=[{"uri": p}])))
         (tmp_path / "given/m.mtl").write_text(f"newmtl a\nmap_Kd {place}\n")
         (tmp_path / "given/m.obj").write_text(f"mtllib m.mtl\nusemtl a\n{TRIANGLE}f 1/1 2/2 3/3\n")
         for name in ("m.glb", "m.obj"):
@@ -140,30 +140,30 @@ def test_a_mesh_reads_no_picture_elsewhere(tmp_path: Path) -> None:
             assert red <= green
     for place in ("../secret.png", "http://127.0.0.1:9/x.bin"):
         held = [{"uri": place, "byteLength": 72}]
-        (tmp_path / "given/m.glb").write_bytes(glb(change=lambda said, held=held: said.update(buffers=held)))
+        (tmp_path / "given/m.glb").write_bytes(glb(change=lambda content, held=held: content.update(buffers=held)))
         with pytest.raises(ValueError, match="readable mesh"):
             load_mesh(tmp_path / "given/m.glb")
 
 
-def repeated(said: dict[str, Any]) -> None:
-    said["nodes"] = [{"mesh": 0}] * 100_000
-    said["scenes"] = [{"nodes": list(range(100_000))}]
+def repeated(content: dict[str, Any]) -> None:
+    content["nodes"] = [{"mesh": 0}] * 100_000
+    content["scenes"] = [{"nodes": list(range(100_000))}]
 
 
 GLBS: dict[str, tuple[bytes, str]] = {
     "values of no bytes": (
-        glb(change=lambda said: said["accessors"][0].update(count=300_000_000, bufferView=None)),
+        glb(change=lambda content: content["accessors"][0].update(count=300_000_000, bufferView=None)),
         "its accessors have 300,000,006 values",
     ),
     "fewer corners than faces say": (
-        glb(plain(4), lambda said: said["accessors"][0].update(count=-1)),
+        glb(plain(4), lambda content: content["accessors"][0].update(count=-1)),
         "missing vertices",
     ),
     "repeated": (glb(plain(4), repeated), "it has 100,000 nodes"),
     "large texture": (glb(head(9000)), "its textures have 81,000,000 texels"),
-    "far view": (glb(change=lambda said: said["bufferViews"][0].update(byteOffset=10**9)), "readable mesh"),
+    "far view": (glb(change=lambda content: content["bufferViews"][0].update(byteOffset=10**9)), "readable mesh"),
     "nested": (struct.pack("<4sIIII", b"glTF", 2, 10**6, 200_000, 0x4E4F534A) + b"[" * 200_000, "recursion"),
-    "kind": (glb(change=lambda said: said["accessors"][0].update(type="MAT9")), "readable mesh"),
+    "kind": (glb(change=lambda content: content["accessors"][0].update(type="MAT9")), "readable mesh"),
 }
 
 

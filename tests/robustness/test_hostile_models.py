@@ -55,9 +55,9 @@ def changed(place: tuple[str | int, ...], value: Any) -> dict[str, Any]:
 
 
 def refused(read: Callable[[Path], Any], path: Path) -> str:
-    with pytest.raises(ValueError, match=r".") as said:
+    with pytest.raises(ValueError, match=r".") as error:
         read(path)
-    sentence = str(said.value)
+    sentence = str(error.value)
     assert len(sentence) < 700
     assert sentence.isprintable()
     return sentence
@@ -90,7 +90,7 @@ def test_an_entry_that_fits_rest_on_is_checked(name: str, model: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("[" * 100_000, "recursion"),
         ("9" * 5000, "digits"),
@@ -98,12 +98,12 @@ def test_an_entry_that_fits_rest_on_is_checked(name: str, model: Path) -> None:
         ('{"category": []}', "must have just"),
     ],
 )
-def test_a_card_that_is_none_gets_a_sentence(text: str, said: str, model: Path) -> None:
+def test_a_card_that_is_none_gets_a_sentence(text: str, message: str, model: Path) -> None:
     put_card(model, text, MUG)
-    assert said in refused(load, model)
+    assert message in refused(load, model)
     model.write_bytes(weights({}, b""))
     model.with_suffix(".json").write_text(text)  # where version 0.1 kept it
-    assert said in refused(load, model)
+    assert message in refused(load, model)
 
 
 @pytest.mark.parametrize(
@@ -131,7 +131,7 @@ def test_only_kfit_s_own_networks_are_built(class_path: str, arguments: dict[str
 
 
 @pytest.mark.parametrize(
-    ("name", "arguments", "said"),
+    ("name", "arguments", "message"),
     [
         ("RadianceField", {"volume_dims": [4096, 4096, 4096]}, "far larger than its file"),
         ("RadianceField", {"volume_dims": [1] * 10**5}, "number of volume_dims must lie between 0 and 6"),
@@ -150,15 +150,17 @@ def test_only_kfit_s_own_networks_are_built(class_path: str, arguments: dict[str
         ("VAE2D", [1], "must be a mapping"),
     ],
 )
-def test_a_network_is_built_no_larger_than_its_numbers_fill(name: str, arguments: Any, said: str, model: Path) -> None:
+def test_a_network_is_built_no_larger_than_its_numbers_fill(
+    name: str, arguments: Any, message: str, model: Path
+) -> None:
     named = {"class_path": f"kfit.generators.{name}", "init_args": arguments}
     put_card(model, changed(("networks", "generator"), named), MUG)
-    assert said in refused(load, model)
+    assert message in refused(load, model)
 
 
 def weights(header: dict[str, Any] | bytes, numbers: bytes = b"\0" * 16, length: int | None = None) -> bytes:
-    said = header if isinstance(header, bytes) else json.dumps(header).encode()
-    return struct.pack("<Q", len(said) if length is None else length) + said + numbers
+    content = header if isinstance(header, bytes) else json.dumps(header).encode()
+    return struct.pack("<Q", len(content) if length is None else length) + content + numbers
 
 
 HEADERS = {
@@ -181,25 +183,25 @@ HEADERS = {
 def test_damaged_weights_get_a_sentence(kind: str, tmp_path: Path) -> None:
     (tmp_path / "m.json").write_text(json.dumps(CARD))
     (tmp_path / "m.safetensors").write_bytes(HEADERS[kind])
-    said = refused(load, tmp_path / "m.safetensors")
-    assert {"many": "does not fit its card", "not a number": "are not finite"}.get(kind, "damaged") in said
+    message = refused(load, tmp_path / "m.safetensors")
+    assert {"many": "does not fit its card", "not a number": "are not finite"}.get(kind, "damaged") in message
 
 
 class _Asks:
     def __init__(self, call: Callable[..., Any], *args: Any) -> None:
-        self.said = call, args
+        self.reduced = call, args
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return self.said
+        return self.reduced
 
 
 def checkpoint(path: Path, **changes: Any) -> None:
-    said = {
+    content = {
         "hyper_parameters": CARD["networks"],
         "state_dict": {},
         "datamodule_hyper_parameters": {"category": "mug"},
     }
-    torch.save(said | changes, path)
+    torch.save(content | changes, path)
 
 
 def test_a_checkpoint_stands_for_no_more_than_it_holds(tmp_path: Path) -> None:

@@ -21,7 +21,7 @@ import numpy as np
 import pytest
 import torch
 
-from kfit.data.views import build_views
+from kfit.data.rendered_views import build_views
 from kfit.runtime.atomic_write import PARTIAL
 
 KILLS = int(os.environ.get("KFIT_KILLS", "3"))
@@ -160,23 +160,12 @@ def test_a_training_goes_on_through_kills_as_if_nothing_had_been(tmp_path: Path)
 def test_a_data_set_is_fitted_through_kills(tmp_path: Path) -> None:
     from lightning import Trainer
     from nocs_lookalike import write_frames
+    from tiny_model import write_tiny
 
     from kfit.batch.dataset_fit import DatasetFit
     from kfit.batch.nocs_fit import NOCSFit
-    from kfit.generators import VAE3D, ConvEncoder, ExtentsHead
-    from kfit.models import write_model
-    from kfit.pose import Card
 
-    said = {
-        "generator": (VAE3D, {"code_dim": 4, "volume_dims": [8, 8, 4], "projection_dim": 8, "decoder_dims": [8, 8]}),
-        "encoder": (ConvEncoder, {"code_dim": 4, "channels": [8, 8, 8, 8]}),
-        "extents": (ExtentsHead, {"code_dim": 4}),
-    }
-    named = {
-        name: {"class_path": f"kfit.generators.{c.__name__}", "init_args": args} for name, (c, args) in said.items()
-    }
-    card = Card("mug", named, 4.0, 1.0, (-15.0, 75.0), "y up", "none", 0.17)
-    write_model(tmp_path / "mug.safetensors", {name: kind(**args) for name, (kind, args) in said.items()}, card)
+    write_tiny(tmp_path / "mug.safetensors")
     write_frames(tmp_path / "nocs", [("mug", "mug"), ("mug",), ("mug", "mug", "mug"), (), ("mug",), ("mug", "mug")])
 
     def fit(out: Path) -> None:

@@ -25,6 +25,7 @@ import pytest
 import torch
 from blobs import THREADS, Fails, blob, blobs
 from PIL import Image
+from tiny_model import write_tiny
 
 import kfit
 from kfit.callbacks import Pruning, Stopping
@@ -32,9 +33,6 @@ from kfit.core import (
     Callback,
     FitResult,
 )
-from kfit.generators import VAE3D, ConvEncoder, ExtentsHead
-from kfit.models import write_model
-from kfit.pose import Card
 
 MANY = 1000
 MANY_LONG = int(os.environ.get("KFIT_MANY", "150"))
@@ -112,6 +110,7 @@ class Kept(Callback):
 
 
 class TestNothingIsLeftBehind:
+    @pytest.mark.slow
     @pytest.mark.parametrize("kind", ["tensor", "array"])
     def test_one_small_picture_an_object_that_is_kept_is_noticed(self, kind, scratch):
         kept = blobs(Kept(kind), steps=0)
@@ -123,6 +122,7 @@ class TestNothingIsLeftBehind:
         fit = blobs(Pruning({1: 3}), Stopping())
         leaves_nothing(lambda number: fit(blob(number), seed=number), count, min(100, count // 3))
 
+    @pytest.mark.slow
     def test_by_fits_that_break_off(self, scratch):
         fit = blobs(Fails(ZeroDivisionError))
 
@@ -204,18 +204,15 @@ def test_a_data_set_of_a_thousand_objects_leaves_nothing_behind(photos, scratch,
     from kfit.batch import dataset_fit
     from kfit.batch.photo_folder import PhotoFolder
 
-    said = {
-        "generator": (VAE3D, {"code_dim": 2, "volume_dims": [4, 4], "projection_dim": 4, "decoder_dims": [4]}),
-        "encoder": (ConvEncoder, {"code_dim": 2, "channels": [4, 4], "hidden_dim": 4, "image_size": 8}),
-        "extents": (ExtentsHead, {"code_dim": 2, "hidden_dim": 4}),
+    sizes = {
+        "generator": ("VAE3D", {"code_dim": 2, "volume_dims": [4, 4], "projection_dim": 4, "decoder_dims": [4]}),
+        "encoder": ("ConvEncoder", {"code_dim": 2, "channels": [4, 4], "hidden_dim": 4, "image_size": 16}),
+        "extents": ("ExtentsHead", {"code_dim": 2, "hidden_dim": 4}),
     }
-    named = {
-        name: {"class_path": f"kfit.generators.{kind.__name__}", "init_args": args}
-        for name, (kind, args) in said.items()
+    networks = {
+        name: {"class_path": f"kfit.generators.{kind}", "init_args": args} for name, (kind, args) in sizes.items()
     }
-    said["encoder"][1]["image_size"] = getattr(VAE3D(**said["generator"][1]), "image_size", 64)
-    card = Card("mug", named, 4.0, 1.0, (-15.0, 75.0), "y up", "none", 0.17)
-    write_model(tmp_path / "mug.safetensors", {name: kind(**args) for name, (kind, args) in said.items()}, card)
+    write_tiny(tmp_path / "mug.safetensors", networks=networks)
     monkeypatch.setattr(dataset_fit, "bundled", lambda: [])
     (tmp_path / "photos").mkdir()
     rgba = np.concatenate([photos[0].image, photos[0].mask[..., None]], 2)

@@ -18,7 +18,7 @@ from kfit.generators import MeshRenderer
 
 CORNERS = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n"
 PYRAMID = f"{CORNERS}f 1 2 3\nf 1 3 4\nf 1 4 2\nf 2 4 3\n"
-PAINTED = f"mtllib m.mtl\nusemtl a\n{CORNERS}vt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n"
+TEXTURED = f"mtllib m.mtl\nusemtl a\n{CORNERS}vt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n"
 MATERIAL = "newmtl a\nKd 1 1 1\nmap_Kd t.png\n"
 EVEN = Light(np.ones(3), np.zeros((0, 3)), np.zeros((0, 3)))
 DRAWN = {
@@ -31,11 +31,11 @@ DRAWN = {
     "a quad": CORNERS + "f 1 2 4 3\n",
     "vertices twice": CORNERS + CORNERS + "f 1 2 3\nf 5 6 7\n",
     "inside out": CORNERS + "f 3 2 1\n",
-    "a texture coordinate that is not there": PAINTED.replace("3/3", "3/9"),
+    "a texture coordinate that is not there": TEXTURED.replace("3/3", "3/9"),
     "a normal that is not there": CORNERS + "f 1//9 2//9 3//9\n",
-    "huge texture coordinates": PAINTED.replace("vt 1 0", "vt 1e20 -1e20"),
-    "infinite texture coordinates": PAINTED.replace("vt 1 0", "vt inf nan"),
-    "no material file": PAINTED.replace("m.mtl", "gone.mtl"),
+    "huge texture coordinates": TEXTURED.replace("vt 1 0", "vt 1e20 -1e20"),
+    "infinite texture coordinates": TEXTURED.replace("vt 1 0", "vt inf nan"),
+    "no material file": TEXTURED.replace("m.mtl", "gone.mtl"),
 }
 REFUSED = {
     "nothing": "",
@@ -100,10 +100,10 @@ def check_drawn(path: Path) -> None:
 
 
 def check_refused(path: Path) -> None:
-    with pytest.raises(ValueError, match="path must hold") as said:
+    with pytest.raises(ValueError, match="path must hold") as error:
         load_mesh(path)
-    assert str(path) in str(said.value)
-    assert "\n" not in str(said.value)
+    assert str(path) in str(error.value)
+    assert "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize("text", DRAWN.values(), ids=DRAWN)
@@ -120,21 +120,21 @@ def test_what_is_no_surface_is_refused(text: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("text", MATERIALS.values(), ids=MATERIALS)
 def test_odd_materials_are_drawn(text: bytes, tmp_path: Path) -> None:
-    (tmp_path / "m.obj").write_text(PAINTED)
+    (tmp_path / "m.obj").write_text(TEXTURED)
     (tmp_path / "m.mtl").write_bytes(text)
     check_drawn(tmp_path / "m.obj")
 
 
 @pytest.mark.parametrize("content", PICTURES.values(), ids=PICTURES)
 def test_odd_textures_are_drawn(content: bytes, tmp_path: Path) -> None:
-    (tmp_path / "m.obj").write_text(PAINTED)
+    (tmp_path / "m.obj").write_text(TEXTURED)
     (tmp_path / "m.mtl").write_text(MATERIAL)
     (tmp_path / "t.png").write_bytes(content)
     check_drawn(tmp_path / "m.obj")
 
 
 def test_a_texture_that_is_cut_short_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "m.obj").write_text(PAINTED)
+    (tmp_path / "m.obj").write_text(TEXTURED)
     (tmp_path / "m.mtl").write_text(MATERIAL)
     (tmp_path / "t.png").write_bytes(picture("RGB", (64, 64))[:60])
     check_refused(tmp_path / "m.obj")
@@ -176,7 +176,7 @@ def test_triangles_of_vertices_that_are_not_there_are_refused(tmp_path: Path) ->
 @pytest.mark.slow
 def test_a_million_triangles_and_a_large_texture_take_bounded_memory(tmp_path: Path) -> None:
     trimesh.creation.icosphere(8).export(tmp_path / "ball.ply")  # 1.3 million
-    (tmp_path / "m.obj").write_text(PAINTED)
+    (tmp_path / "m.obj").write_text(TEXTURED)
     (tmp_path / "m.mtl").write_text(MATERIAL)
     (tmp_path / "t.png").write_bytes(picture("1", (8000, 8000)))
     for name in ("m.obj", "ball.ply"):

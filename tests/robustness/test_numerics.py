@@ -88,6 +88,7 @@ class TestASeedDecides:
         whole = registration(optimizer)(moved(), seed=2)
         assert_same(registration(optimizer)(moved(rows), seed=2), whole, rows, 1e-9)
 
+    @pytest.mark.slow
     @pytest.mark.parametrize("pictures", [1, 2, 1000])
     def test_an_answer_that_chunks_of_any_size_give(self, optimizer, pictures, monkeypatch) -> None:
         whole = registration(optimizer)(moved(), seed=2)
@@ -110,9 +111,9 @@ class Height(Prior):
 
     on = "roll"
 
-    def __init__(self, height: float, look: int) -> None:
+    def __init__(self, height: float, shift_x: int) -> None:
         super().__init__()
-        self.height, self.left = height, look + 1
+        self.height, self.left = height, shift_x + 1
 
     def forward(self, value: Tensor, prepared: None = None) -> Tensor:
         self.left -= 1
@@ -131,8 +132,8 @@ class Written(Initializer):
 
 def written(starts: Written, energies: dict | None = None, **changes) -> FitPipeline:
     settings = {"num_starts": 3, "num_steps": 6} | changes
-    rest = {name: value for name, value in {"roll": 0.0, "shift": 0.0, "scale": 1.0}.items() if name not in starts.on}
-    initializers = [starts, *([Constant(rest)] if rest else [])]
+    others = {name: value for name, value in {"roll": 0.0, "shift": 0.0, "scale": 1.0}.items() if name not in starts.on}
+    initializers = [starts, *([Constant(others)] if others else [])]
     parts = {"l2": L2()} | (energies or {})
     return FitPipeline(Template(picture(), "similarity"), parts, initializers, Adam(0.02), **settings)
 
@@ -174,10 +175,12 @@ class TestWhatIsNoNumber:
             roll=float64(0.2, -0.3, -0.2), shift=torch.stack([float64(0.1, -0.1)] * 3), scale=1.1 * torch.ones(3)
         )
         stopping = {"callbacks": [Stopping(0.01, patience=4)], "num_steps": 12}
-        found = written(starts, {"height": Height(0.15, look=3)}, **stopping)(moved((0,)), seed=0)
+        found = written(starts, {"height": Height(0.15, shift_x=3)}, **stopping)(moved((0,)), seed=0)
         assert found.dropped[0] == (0, 0, 3)
-        rest = Written(roll=float64(-0.3, -0.2), shift=torch.stack([float64(0.1, -0.1)] * 2), scale=1.1 * torch.ones(2))
-        alone = written(rest, num_starts=2, **stopping)(moved((0,)), seed=0)
+        others = Written(
+            roll=float64(-0.3, -0.2), shift=torch.stack([float64(0.1, -0.1)] * 2), scale=1.1 * torch.ones(2)
+        )
+        alone = written(others, num_starts=2, **stopping)(moved((0,)), seed=0)
         assert len(alone.history.energy) == 13
         torch.testing.assert_close(found.history.energy[:, :, 1:], alone.history.energy, rtol=1e-9, atol=1e-9)
 
@@ -185,7 +188,9 @@ class TestWhatIsNoNumber:
         with pytest.raises(FitError, match="every start of every problem became NaN or infinite by step 0"):
             written(Written(scale=torch.full((6,), math.nan)))(moved((0, 1)), seed=0)
 
-    @pytest.mark.parametrize("broken", [math.nan, math.inf, -math.inf])
+    @pytest.mark.parametrize(
+        "broken", [math.nan, *(pytest.param(sign * math.inf, marks=pytest.mark.slow) for sign in (1, -1))]
+    )
     @pytest.mark.parametrize("name", ["image", "mask", "depth", "weight"])
     def test_in_a_picture_leaves_the_other_pictures_their_answers(self, name, broken) -> None:
         fit, whole = in_depth(), with_depth()
@@ -197,10 +202,10 @@ class TestWhatIsNoNumber:
         assert int(found.start[1]) == -1 or name == "depth"
 
     def test_in_all_depth_of_all_pictures_is_a_sentence(self) -> None:
-        seen = with_depth()
-        seen.depth[:] = math.nan
+        observed = with_depth()
+        observed.depth[:] = math.nan
         with pytest.raises(ValueError, match="FromDepth: depth must be known somewhere, got"):
-            in_depth()(seen, seed=1)
+            in_depth()(observed, seed=1)
 
 
 def in_depth() -> FitPipeline:

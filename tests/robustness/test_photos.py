@@ -44,7 +44,7 @@ def check_read(photo: Photo) -> None:
     assert 0 <= photo.image.min() <= photo.image.max() <= 1
 
 
-def told(read: Callable[[], object]) -> str:
+def outcome(read: Callable[[], object]) -> str:
     """What a reader says against a file, in one line; nothing if it reads it."""
     try:
         read()
@@ -55,13 +55,13 @@ def told(read: Callable[[], object]) -> str:
 
 def check_read_or_refused(path: Path) -> bool:
     """By all readers of pictures; whether the photo was refused."""
-    said = [
-        told(lambda: np.isfinite(mask_from_file(path, (48, 64))).all() or pytest.fail("not finite")),
-        told(lambda: depth_from_file(path, (48, 64))),
-        told(lambda: check_read(read_photo(path))),
+    found = [
+        outcome(lambda: np.isfinite(mask_from_file(path, (48, 64))).all() or pytest.fail("not finite")),
+        outcome(lambda: depth_from_file(path, (48, 64))),
+        outcome(lambda: check_read(read_photo(path))),
     ]
-    assert all(str(path) in sentence and "\n" not in sentence for sentence in said if sentence)
-    return bool(said[-1])
+    assert all(str(path) in sentence and "\n" not in sentence for sentence in found if sentence)
+    return bool(found[-1])
 
 
 @pytest.mark.slow
@@ -136,13 +136,13 @@ def test_a_photo_turned_by_exif_is_the_upright_one(orientation: int, tmp_path: P
     stored = NOISE if orientation == 1 else NOISE.transpose(Image.Transpose(back[orientation]))
     stored.save(tmp_path / "p.png", exif=exif)
     mask = (MASK > 0).astype(np.float32)
-    upright, seen = (
+    upright, observed = (
         ObservedObject.of(photo, CATEGORIES["mug"], 32, mask, intrinsics=CAMERA)
         for photo in (PIXELS, tmp_path / "p.png")
     )
-    np.testing.assert_array_equal(seen.image, upright.image)
+    np.testing.assert_array_equal(observed.image, upright.image)
     for field in ("image", "mask"):
-        assert torch.equal(seen.observation.field(field), upright.observation.field(field))
+        assert torch.equal(observed.observation.field(field), upright.observation.field(field))
 
 
 def test_a_picture_of_20000_pixels_a_side_takes_no_memory(tmp_path: Path) -> None:
@@ -184,9 +184,9 @@ def test_odd_masks_are_taken(mask: str, tmp_path: Path) -> None:
     found = mask_from_file(tmp_path / "m.png", (48, 64))
     np.testing.assert_array_equal(found, MASKS[mask] > 0)
     for kind in (np.uint8, bool, np.float64, np.int32):
-        seen = ObservedObject.of(PIXELS, CATEGORIES["mug"], 32, MASKS[mask].astype(kind))
-        np.testing.assert_array_equal(seen.mask, MASKS[mask] > 0)
-        assert bool(seen.observation.field("image").isfinite().all())
+        observed = ObservedObject.of(PIXELS, CATEGORIES["mug"], 32, MASKS[mask].astype(kind))
+        np.testing.assert_array_equal(observed.mask, MASKS[mask] > 0)
+        assert bool(observed.observation.field("image").isfinite().all())
 
 
 @pytest.mark.slow
@@ -198,19 +198,19 @@ def test_a_command_with_a_photo_turned_by_exif_takes_mask_and_box_in_upright_pix
     exif[0x0112] = orientation
     NOISE.transpose(Image.Transpose.ROTATE_90).save(tmp_path / "p.jpg", exif=exif)
     Image.fromarray(MASK).save(tmp_path / "m.png")
-    seen: list[torch.Tensor] = []
+    recorded: list[torch.Tensor] = []
 
     class Reached(BaseException):
         pass
 
     def fit(_: FitPipeline, observation: Any, **__: Any) -> None:
-        seen.append(observation.field("mask"))
+        recorded.append(observation.field("mask"))
         raise Reached
 
     monkeypatch.setattr(FitPipeline, "forward", fit)
     with pytest.raises(Reached):
         main(["pose", str(tmp_path / "p.jpg"), "--category", "mug", "--mask", str(tmp_path / "m.png")])
-    assert seen[0].mean() > 0.3  # it is not turned away
+    assert recorded[0].mean() > 0.3  # it is not turned away
 
 
 def test_names_of_any_letters_are_reported_on_one_line(
@@ -230,15 +230,15 @@ def test_names_of_any_letters_are_reported_on_one_line(
     ):
         with pytest.raises(SystemExit) as end:
             main(["pose", "--category", "mug", "--", name])
-        said = capsys.readouterr()
+        printed = capsys.readouterr()
         assert end.value.code == 2
-        assert (said.out, said.err.count("\n")) == ("", 1)
-        assert said.err[:-1].isprintable()
+        assert (printed.out, printed.err.count("\n")) == ("", 1)
+        assert printed.err[:-1].isprintable()
     assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(
-    ("files", "told"),
+    ("files", "outcome"),
     [
         ({}, "holds no pictures"),
         ({"1.png": NOISE, "2.png": NOISE.resize((30, 30))}, "2.png has 30 x 30 pixels, the first 64 x 48"),
@@ -246,10 +246,10 @@ def test_names_of_any_letters_are_reported_on_one_line(
         ({"1.png": NOISE, "2.png": encoded("png")[:999]}, "2.png is damaged or cut short"),
     ],
 )
-def test_a_folder_of_odd_frames_ends_in_a_sentence(files: dict[str, Any], told: str, tmp_path: Path) -> None:
+def test_a_folder_of_odd_frames_ends_in_a_sentence(files: dict[str, Any], outcome: str, tmp_path: Path) -> None:
     for name, content in files.items():
         (tmp_path / name).write_bytes(content) if isinstance(content, bytes) else content.save(tmp_path / name)
-    with pytest.raises((ValueError, FileNotFoundError), match=told):
+    with pytest.raises((ValueError, FileNotFoundError), match=outcome):
         list(Frames.of(tmp_path))
 
 

@@ -78,29 +78,29 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
 def test_wrong_arguments_are_refused_before_a_fit(
     wrong: str, mug: CategoryModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    given, told = WRONG[wrong]
+    inputs, message = WRONG[wrong]
 
     def fit(*_: Any, **__: Any) -> None:
         raise AssertionError("the fit was begun")
 
     monkeypatch.setattr(FitPipeline, "forward", fit)
-    with pytest.raises((ValueError, TypeError, FileNotFoundError)) as said:
-        mug.pose(**{"image": PIXELS, "mask": GOOD, **given})
-    assert told in str(said.value)
-    assert "\n" not in str(said.value)
+    with pytest.raises((ValueError, TypeError, FileNotFoundError)) as error:
+        mug.pose(**{"image": PIXELS, "mask": GOOD, **inputs})
+    assert message in str(error.value)
+    assert "\n" not in str(error.value)
 
 
 def test_tensors_and_lists_do_as_well_as_arrays() -> None:
     photo, mask, camera = PIXELS.astype(np.float32) / 255, GOOD.tolist(), torch.from_numpy(CAMERA)
-    seen = ObservedObject.of(torch.from_numpy(photo).requires_grad_(), CATEGORIES["mug"], 32, mask, None, camera)  # type: ignore[arg-type]
+    observed = ObservedObject.of(torch.from_numpy(photo).requires_grad_(), CATEGORIES["mug"], 32, mask, None, camera)  # type: ignore[arg-type]
     plain = ObservedObject.of(photo, CATEGORIES["mug"], 32, GOOD, None, CAMERA)
-    assert torch.equal(seen.observation.field("image"), plain.observation.field("image"))
-    assert torch.equal(seen.intrinsics, plain.intrinsics)
+    assert torch.equal(observed.observation.field("image"), plain.observation.field("image"))
+    assert torch.equal(observed.intrinsics, plain.intrinsics)
 
 
 def test_colours_that_rounding_took_out_of_range_are_taken() -> None:
     photo = PIXELS.astype(np.float64) / 255
     photo[5, 5], photo[6, 6] = 1 + 1e-7, -1e-7
-    seen = ObservedObject.of(photo, CATEGORIES["mug"], 32, GOOD, None, CAMERA)
-    assert seen.image.min() == 0
-    assert seen.image.max() == 1
+    observed = ObservedObject.of(photo, CATEGORIES["mug"], 32, GOOD, None, CAMERA)
+    assert observed.image.min() == 0
+    assert observed.image.max() == 1

@@ -30,6 +30,10 @@ NO_RECIPES = {
     "a tagged name": "model: !!python/name:os.system\n",
     "a function": "model:\n  class_path: os.system\n  init_args: {command: touch pwned}\n",
 }
+QUICK = ("binary", "a tag", "a function")  # the others run with --runslow
+CASES = [
+    pytest.param(text, id=name, marks=() if name in QUICK else pytest.mark.slow) for name, text in NO_RECIPES.items()
+]
 FEW = settings(max_examples=16, derandomize=True, deadline=None, database=None, suppress_health_check=list(HealthCheck))
 VALUES = st.recursive(
     st.none() | st.booleans() | st.floats() | st.integers(-9, 9) | st.text(max_size=4),
@@ -67,13 +71,13 @@ def parsed(path, like):
     return end.value.code
 
 
-def refused(capsys, path, like, *told):
+def refused(capsys, path, like, *words):
     capsys.readouterr()
     assert parsed(path, like) == 2
-    out, said = capsys.readouterr()
+    out, printed = capsys.readouterr()
     assert out == ""
-    assert "Traceback" not in said
-    assert all(word in said for word in told)
+    assert "Traceback" not in printed
+    assert all(word in printed for word in words)
     assert [file.name for file in Path().iterdir()] in ([], ["recipe.yaml"])
 
 
@@ -96,11 +100,11 @@ def wrong(recipe):
 @pytest.mark.parametrize("recipe", TRAINED, ids=lambda path: path.stem)
 def test_a_recipe_of_the_repository_is_understood_and_its_mistakes_are_reported(recipe, capsys):
     assert parsed(recipe, recipe) == 0
-    for change, told in wrong(yaml.safe_load(recipe.read_text())).values():
-        refused(capsys, written(yaml.safe_dump(change)), recipe, told)
+    for change, words in wrong(yaml.safe_load(recipe.read_text())).values():
+        refused(capsys, written(yaml.safe_dump(change)), recipe, words)
 
 
-@pytest.mark.parametrize("text", NO_RECIPES.values(), ids=NO_RECIPES)
+@pytest.mark.parametrize("text", CASES)
 def test_what_is_no_recipe_is_refused(text, capsys):
     refused(capsys, written(text), TRAINED[-1])
 
@@ -117,14 +121,14 @@ def test_whatever_bytes_a_file_holds_lightning_ends_in_order(text):
     assert parsed(written(text), TRAINED[-1]) in (0, 2)
 
 
-def one_sentence(model, text, *told):
+def one_sentence(model, text, *words):
     with pytest.raises(ValueError, match=r"recipe\.yaml is no recipe( of a fit)?: ") as error:
         fit_of(written(text), model)
-    said = str(error.value)
-    assert "\n" not in said
-    assert len(said) < 400
-    assert said[-1] != ":"
-    assert all(word in said for word in told)
+    message = str(error.value)
+    assert "\n" not in message
+    assert len(message) < 400
+    assert message[-1] != ":"
+    assert all(word in message for word in words)
     assert [file.name for file in Path().iterdir()] == ["recipe.yaml"]
 
 
@@ -133,13 +137,13 @@ def fit():
     return yaml.safe_load(FIT.read_text()) | {"energies": {"image": "kfit.energies.L1"}}
 
 
-@pytest.mark.parametrize("text", NO_RECIPES.values(), ids=NO_RECIPES)
+@pytest.mark.parametrize("text", CASES)
 def test_what_is_no_fit_is_refused(model, text):
     one_sentence(model, text.replace("model", "optimizer") if isinstance(text, str) else text)
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "words"),
     [
         ({"zz": 1}, "zz"),
         ({"num_starts": "many"}, "num_starts"),
@@ -159,8 +163,8 @@ def test_what_is_no_fit_is_refused(model, text):
         ({"energies": {"keys": "kfit.energies.L1"}}, "cannot be named 'keys'"),
     ],
 )
-def test_a_fit_s_mistake_gets_one_sentence(model, change, told):
-    one_sentence(model, yaml.safe_dump(fit() | change), told)
+def test_a_fit_s_mistake_gets_one_sentence(model, change, words):
+    one_sentence(model, yaml.safe_dump(fit() | change), words)
 
 
 def test_an_unquoted_on_is_a_name(model):
@@ -175,10 +179,10 @@ def test_a_module_that_ends_the_program_ends_in_a_sentence(model, monkeypatch, c
     modules.mkdir()
     (modules / "that_exits.py").write_text("import sys\nsys.exit(0)\n")
     monkeypatch.syspath_prepend(str(modules))
-    told = "module that_exits ends the program when it is imported"
-    one_sentence(model, yaml.safe_dump(fit() | {"optimizer": "that_exits.Adam"}), told)
+    message = "module that_exits ends the program when it is imported"
+    one_sentence(model, yaml.safe_dump(fit() | {"optimizer": "that_exits.Adam"}), message)
     recipe = yaml.safe_load(TRAINED[-1].read_text()) | {"model": "that_exits.Model"}
-    refused(capsys, written(yaml.safe_dump(recipe)), TRAINED[-1], told)
+    refused(capsys, written(yaml.safe_dump(recipe)), TRAINED[-1], message)
 
 
 def test_a_fit_s_parts_must_be_there(model):

@@ -56,7 +56,7 @@ class TestSlopesAreThoseOfDifferences:
         assert torch.autograd.gradcheck(pose, [value.requires_grad_() for value in values])
 
     @pytest.mark.parametrize(
-        ("function", "given"),
+        ("function", "inputs"),
         [
             (lambda pixel: viewing_ray(pixel, CAMERA), [float64(3.0, 9.0)]),
             (lambda pixel: viewing_ray_rotation(pixel, CAMERA), [float64(3.0, 9.0)]),
@@ -67,8 +67,8 @@ class TestSlopesAreThoseOfDifferences:
             (energy_weights, [float64(1.0, 1.1, 3.0)]),
         ],
     )
-    def test_of_cameras_and_boxes(self, function, given) -> None:
-        assert torch.autograd.gradcheck(function, [value.clone().requires_grad_() for value in given])
+    def test_of_cameras_and_boxes(self, function, inputs) -> None:
+        assert torch.autograd.gradcheck(function, [value.clone().requires_grad_() for value in inputs])
 
     def test_of_a_crop_which_is_a_mean_of_pixels(self) -> None:
         photo, step, mask = 0.4 + 0.2 * torch.rand(40, 60, 3), 0.1 * torch.rand(40, 60, 3), torch.ones(40, 60)
@@ -87,5 +87,5 @@ class TestSlopesAreThoseOfDifferences:
         assert float(error.detach()) == pytest.approx(apart, abs=1e-7)
         # At neither end it has a slope, only bounds of it.
         assert abs(float(slope)) == pytest.approx(1.0, abs=1e-6) or (apart in (0.0, math.pi) and abs(float(slope)) <= 1)
-        spread = rotation_sigma_deg(one.detach(), float64(1.0), other, symmetry)
-        assert float(spread) == pytest.approx(math.degrees(apart), abs=1e-5)
+        sigma = rotation_sigma_deg(one.detach(), float64(1.0), other, symmetry)
+        assert float(sigma) == pytest.approx(math.degrees(apart), abs=1e-5)

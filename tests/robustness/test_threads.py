@@ -16,7 +16,7 @@ import matplotlib
 import numpy as np
 import pytest
 import torch
-from blobs import THREADS, Fails, at_once, blob, blobs, same_answer, same_history, seen
+from blobs import THREADS, Fails, at_once, blob, blobs, same_answer, same_history, view_of
 from PIL import Image
 
 import kfit
@@ -44,8 +44,8 @@ class TestThreads:
         fit = mug.pipeline(2, 1, [Pruning({0: 1})])
 
         def pose(number: int) -> PoseResult:
-            told = {"mask": photos[number].mask} if number > 1 else {"box": (4.0, 4.0, 88.0, 88.0)}
-            return mug.pose(photos[number].image, **told, seed=number, pipeline=fit)
+            selection = {"mask": photos[number].mask} if number > 1 else {"box": (4.0, 4.0, 88.0, 88.0)}
+            return mug.pose(photos[number].image, **selection, seed=number, pipeline=fit)
 
         alone = [pose(number) for number in range(THREADS)]
         for one, other in zip(at_once(pose), alone, strict=True):
@@ -54,7 +54,7 @@ class TestThreads:
     @pytest.mark.slow
     def test_that_load_and_fit_several_models_get_the_answers_that_they_get_alone(self):
         names = ("mug", "laptop", "bottle", "bowl", "can", "camera", "mug", "laptop")
-        views = [seen(name, 3) for name in names]
+        views = [view_of(name, 3) for name in names]
 
         def pose(number: int) -> PoseResult:
             model, view = kfit.load(names[number]), views[number]
@@ -143,17 +143,17 @@ class TestAnInterrupt:
         assert 0 <= hidden < back
 
 
-def _pose_elsewhere(model: CategoryModel, photo: Any, told: Any) -> None:
+def _pose_elsewhere(model: CategoryModel, photo: Any, answers: Any) -> None:
     result = model.pose(photo.image, mask=photo.mask, seed=3)
-    told.put((result.rotation, result.energy))
+    answers.put((result.rotation, result.energy))
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="processes cannot be forked here")
 def test_a_forked_process_does_not_wait_for_threads_of_its_parent():
-    fit, seen, before = blobs(), blob(1), torch.get_num_threads()
+    fit, observed, before = blobs(), blob(1), torch.get_num_threads()
     torch.set_num_threads(2)
     try:
-        expected = fit(seen, seed=1)
+        expected = fit(observed, seed=1)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # that threads are not forked along
             process = os.fork()
@@ -161,7 +161,7 @@ def test_a_forked_process_does_not_wait_for_threads_of_its_parent():
             status = 1
             try:
                 kept = torch.get_num_threads() == 2  # importing kfit changes nothing of the caller's
-                same = torch.allclose(fit(seen, seed=1).history.energy, expected.history.energy, equal_nan=True)
+                same = torch.allclose(fit(observed, seed=1).history.energy, expected.history.energy, equal_nan=True)
                 status = 0 if same and kept and torch.get_num_threads() == 2 else 2
             finally:
                 os._exit(status)
@@ -179,13 +179,13 @@ def test_a_forked_process_does_not_wait_for_threads_of_its_parent():
 def test_a_worker_process_gives_the_same_answer_and_does_not_hang(kind, mug, photos):
     here = mug.pose(photos[3].image, mask=photos[3].mask, seed=3)
     context = multiprocessing.get_context(kind)
-    told = context.Queue()
-    worker = context.Process(target=_pose_elsewhere, args=(mug, photos[3], told), daemon=True)
+    answers = context.Queue()
+    worker = context.Process(target=_pose_elsewhere, args=(mug, photos[3], answers), daemon=True)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # that threads are not forked along
         worker.start()
     try:
-        rotation, energy = told.get(timeout=120)
+        rotation, energy = answers.get(timeout=120)
     finally:
         worker.kill()
         worker.join()

@@ -77,9 +77,9 @@ def test_a_pickle_under_another_name_executes_nothing(ending: str, how: str, tmp
         path.write_bytes(pickle.dumps(Runs(mark), protocol=0 if how == "old pickle" else 4))
     if ending == ".safetensors":  # with a card as version 0.1 kept it, so that the weights are looked at
         path.with_suffix(".json").write_text(load("mug").card.to_json())
-    with pytest.raises((ValueError, TypeError, OSError)) as said:
+    with pytest.raises((ValueError, TypeError, OSError)) as error:
         READERS[ending](path)
-    assert len(str(said.value).splitlines()) == 1
+    assert len(str(error.value).splitlines()) == 1
     assert not mark.exists()
 
 

@@ -26,7 +26,7 @@ def command(monkeypatch):
 def raising(error):
     # As if kfit's own file raised it.
     names = {"error": error}
-    exec(compile("def run(said): raise error", info.__file__, "exec"), names)
+    exec(compile("def run(args): raise error", info.__file__, "exec"), names)
     return names["run"]
 
 
@@ -87,7 +87,7 @@ def test_verbose_shows_where_an_error_came_from_and_what_was_asked(error, words,
 
 
 def test_an_interrupt_that_lightning_took_for_its_own_is_one(command):
-    def run(said):
+    def run(args):
         try:
             raise KeyboardInterrupt
         except KeyboardInterrupt:
@@ -97,7 +97,7 @@ def test_an_interrupt_that_lightning_took_for_its_own_is_one(command):
     assert ended(["info"]) == 130
 
 
-def talkative(said):
+def talkative(args):
     print("answer")
     log.info("note")
     log.warning("warning")
@@ -118,7 +118,7 @@ def test_errors_are_reported_also_quietly(command, capsys):
 
 
 def test_notes_go_to_stderr(command, capsys):
-    command(lambda said: talkative(said))
+    command(lambda args: talkative(args))
     with pytest.warns(match="careful"):
         main(["info"])
     assert capsys.readouterr() == ("answer\n", "kfit: note\nkfit: warning\n")
@@ -141,7 +141,7 @@ def test_an_encoding_that_lacks_a_character_gets_an_escape(encoding, command, mo
     written = io.BytesIO()
     out = io.TextIOWrapper(written, encoding)
     monkeypatch.setattr(sys, "stdout", out)
-    command(lambda said: print("mug 15° away · Größe → жук 口"))
+    command(lambda args: print("mug 15° away · Größe → жук 口"))
     main(["info"])
     assert out.errors == "strict"
     assert re.fullmatch(r"mug 15.* away .* Gr.*e .*", written.getvalue().decode(encoding).strip())
@@ -150,10 +150,10 @@ def test_an_encoding_that_lacks_a_character_gets_an_escape(encoding, command, mo
 @pytest.mark.parametrize("backend", ["module://gone.missing", "no_such_backend"])
 def test_a_plotting_backend_that_is_missing_is_not_asked_for(backend, command, monkeypatch):
     monkeypatch.setenv("MPLBACKEND", backend)
-    told = []
-    command(lambda said: told.append(os.environ["MPLBACKEND"]))
+    backends = []
+    command(lambda args: backends.append(os.environ["MPLBACKEND"]))
     main(["info"])
-    assert told == ["agg"]
+    assert backends == ["agg"]
     assert os.environ["MPLBACKEND"] == backend
 
 
@@ -195,7 +195,7 @@ def write(path):
     time.sleep(60)
 
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell that runs the tests behind it has it ignored
-info.run = lambda said: atomic_write(Path(sys.argv[1]), {"answer.txt": write})
+info.run = lambda args: atomic_write(Path(sys.argv[1]), {"answer.txt": write})
 main(["info"])
 """
 

@@ -41,11 +41,11 @@ def mug():
 
 @pytest.mark.filterwarnings("ignore:In CPU autocast, but the target dtype is not supported:UserWarning")
 def test_a_fit_in_bfloat16_ends_where_one_in_single_precision_does(mug):
-    model, seen = mug
+    model, observed = mug
     pipeline = model.pipeline(num_steps=8)
-    single = pipeline(seen, seed=0)
+    single = pipeline(observed, seed=0)
     with precision("bf16", "cpu"):
-        half = pipeline(seen, seed=0)
+        half = pipeline(observed, seed=0)
     torch.testing.assert_close(half.energy, single.energy, rtol=0.02, atol=0)  # the tolerance that README states
     assert float(rotation_error(rotation_of(half.values), rotation_of(single.values)).max().rad2deg()) < 2
     assert half.values["code"].dtype == torch.float32
@@ -54,10 +54,10 @@ def test_a_fit_in_bfloat16_ends_where_one_in_single_precision_does(mug):
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")  # of the compiler's own
 def test_a_compiled_fit_ends_where_an_uncompiled_one_does(mug):
-    model, seen = mug
+    model, observed = mug
     plain, compiled = (model.pipeline(num_starts=2, num_steps=2, callbacks=()) for _ in range(2))
     compiled.compile()
-    torch.testing.assert_close(compiled(seen, seed=0).energy, plain(seen, seed=0).energy, rtol=1e-3, atol=1e-3)
+    torch.testing.assert_close(compiled(observed, seed=0).energy, plain(observed, seed=0).energy, rtol=1e-3, atol=1e-3)
 
 
 @pytest.mark.parametrize("name", ["fp16", "16-mixed", ""])

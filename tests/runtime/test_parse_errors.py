@@ -30,7 +30,7 @@ CALLBACKS = """Parser key "trainer.callbacks":
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         (
             MODEL.format("VAE3d", "Expected a dot import path string: VAE3d"),
@@ -46,8 +46,8 @@ CALLBACKS = """Parser key "trainer.callbacks":
         ),
     ],
 )
-def test_a_misspelt_class_is_named_with_its_argument_and_the_one_meant(text, said):
-    assert sentence(text) == said
+def test_a_misspelt_class_is_named_with_its_argument_and_the_one_meant(text, message):
+    assert sentence(text) == message
 
 
 def test_a_misspelt_callback_of_lightning_s_is_named_too():

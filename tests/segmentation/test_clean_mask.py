@@ -29,7 +29,7 @@ def test_a_stray_pixel_is_dropped_with_a_note() -> None:
     np.testing.assert_array_equal(found.mask, MASK)
     assert len(found.notes) == 1
     assert "left out: 1, with 0.062 % of its pixels" in found.notes[0]
-    assert found.doubts == ()
+    assert found.warnings == ()
 
 
 def test_speckle_is_dropped_also_at_the_object() -> None:
@@ -46,7 +46,7 @@ def test_a_part_behind_something_thin_is_kept() -> None:
     mask[:, 70:73] = 0
     found = clean_mask(mask)
     np.testing.assert_array_equal(found.mask, mask)
-    assert found.notes == found.doubts == ()
+    assert found.notes == found.warnings == ()
 
 
 def test_a_second_object_stays_and_is_doubted() -> None:
@@ -54,7 +54,7 @@ def test_a_second_object_stays_and_is_doubted() -> None:
     mask[30:70, 100:118] = 1
     found = clean_mask(mask)
     np.testing.assert_array_equal(found.mask, mask)
-    assert "two objects" in found.doubts[0]
+    assert "two objects" in found.warnings[0]
     mask[30:70, 105:118] = 0  # less than a quarter
     np.testing.assert_array_equal(clean_mask(mask).mask, MASK)
 

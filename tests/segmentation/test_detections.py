@@ -77,8 +77,8 @@ def test_a_mask_is_scaled_as_scikit_image_scales_it_and_ends_at_its_box() -> Non
     expected = np.zeros((40, 60))
     expected[8:33, 4:39] = resize(soft[0], (25, 35), order=1, mode="edge")
     expected[:, :10] = 0
-    sure = np.abs(expected - 0.5) > 1e-3
-    np.testing.assert_array_equal(found.mask(0)[sure], (expected > 0.5)[sure])
+    certain = np.abs(expected - 0.5) > 1e-3
+    np.testing.assert_array_equal(found.mask(0)[certain], (expected > 0.5)[certain])
 
 
 def test_a_box_beyond_the_photo_is_cut_off() -> None:

@@ -29,10 +29,10 @@ def clip(path):
 def test_a_clip_gives_its_frames_with_their_times(tmp_path):
     frames = Frames.of(clip(tmp_path / "clip.mp4"))
     assert (frames.count, frames.rate) == (5, 25)
-    seen = list(frames)
-    assert [frame.time for frame in seen] == pytest.approx([0, 0.04, 0.08, 0.12, 0.16])
-    assert [frame.photo.image.shape for frame in seen] == [(32, 48, 3)] * 5
-    assert [255 * frame.photo.image[16, 8].mean() for frame in seen] == pytest.approx(SHADES, abs=4)
+    observed = list(frames)
+    assert [frame.time for frame in observed] == pytest.approx([0, 0.04, 0.08, 0.12, 0.16])
+    assert [frame.photo.image.shape for frame in observed] == [(32, 48, 3)] * 5
+    assert [255 * frame.photo.image[16, 8].mean() for frame in observed] == pytest.approx(SHADES, abs=4)
     assert frames.note == ""
 
 
@@ -48,8 +48,8 @@ def test_a_phones_clip_is_turned_upright(tmp_path):
     path = clip(tmp_path / "clip.mp4")
     data = bytearray(path.read_bytes())
     matrix = data.index(b"tkhd") + 44  # of version 0: rows (a, b, u), (c, d, v), (x, y, w)
-    turned = [0, 1 << 16, 0, -(1 << 16), 0, 0, 32 << 16, 0, 1 << 30]  # by 90°, clockwise
-    data[matrix : matrix + 36] = b"".join(number.to_bytes(4, "big", signed=True) for number in turned)
+    rotated = [0, 1 << 16, 0, -(1 << 16), 0, 0, 32 << 16, 0, 1 << 30]  # by 90°, clockwise
+    data[matrix : matrix + 36] = b"".join(number.to_bytes(4, "big", signed=True) for number in rotated)
     path.write_bytes(data)
     image = next(iter(Frames.of(path))).photo.image
     assert image.shape == (48, 32, 3)

@@ -48,9 +48,9 @@ def test_an_output_of_another_shape_than_the_file_says_is_refused(tmp_path: Path
     expand = helper.make_node("Expand", ["least", "size"], ["mask"])
     for shape in ([1, 1, 4, 4], [1, 1, "h", 4]):
         path = save(tmp_path / "a.onnx", [size, least, expand], FLOAT, shape)
-        with pytest.raises(ValueError, match=r"a\.onnx") as said:
+        with pytest.raises(ValueError, match=r"a\.onnx") as error:
             load_segmenter(path)(scene()[0], "mug")
-        assert "\n" not in str(said.value)
+        assert "\n" not in str(error.value)
 
 
 def test_an_endless_loop_ends(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

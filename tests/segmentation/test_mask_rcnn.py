@@ -38,16 +38,16 @@ def test_the_zoos_picture_is_bgr_less_its_mean_with_a_margin_of_zero(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     image, _ = scene()
-    seen, run = [], OnnxNetwork.run
+    recorded, run = [], OnnxNetwork.run
     monkeypatch.setattr(
-        OnnxNetwork, "run", lambda self, picture, names: seen.append(picture) or run(self, picture, names)
+        OnnxNetwork, "run", lambda self, picture, names: recorded.append(picture) or run(self, picture, names)
     )
     load_segmenter(zoo_mask_rcnn(tmp_path / "a.onnx"))(image, "mug")
     # 200 x 150 becomes 1067 x 800, and its width a multiple of 32.
-    assert seen[0].shape == (800, 1088, 3)
-    assert np.abs(seen[0][:, 1067:]).max() < 1e-4
+    assert recorded[0].shape == (800, 1088, 3)
+    assert np.abs(recorded[0][:, 1067:]).max() < 1e-4
     disc = 255 * np.array([0.8, 0.2, 0.1]) - (102.9801, 115.9465, 122.7717)
-    np.testing.assert_allclose(seen[0][373, 480], disc, atol=1e-3)
+    np.testing.assert_allclose(recorded[0][373, 480], disc, atol=1e-3)
 
 
 def test_labels_come_from_the_file_if_it_has_them(tmp_path: Path) -> None:

@@ -23,6 +23,19 @@ def clip(laptop):
     return held_out_clip(laptop, 1, FRAMES)
 
 
+@pytest.fixture(scope="module")
+def first(laptop, clip):
+    """The answer to the first frame."""
+    return laptop.pose(clip.frames[0], mask=clip.masks[0] > 0.5, intrinsics=clip.intrinsics)
+
+
+@pytest.fixture
+def known_first(laptop, first, monkeypatch):
+    """The model, which answers at once."""
+    monkeypatch.setattr(laptop, "pose", lambda *args, **named: first)
+    return laptop
+
+
 def errors(clip, answers):
     found = torch.from_numpy(np.stack([answer.rotation for answer in answers]))
     return rotation_error(found, clip.rotation[: len(answers)]).rad2deg()
@@ -31,8 +44,8 @@ def errors(clip, answers):
 @pytest.mark.parametrize("own", [pytest.param(False, marks=pytest.mark.slow), True], ids=["true masks", "own masks"])
 def test_an_object_is_followed(laptop, clip, own):
     masks = [mask > 0.5 for mask in clip.masks]
-    given = {"mask": masks[0]} if own else {"masks": masks}
-    answers = list(track(laptop, clip.frames, intrinsics=clip.intrinsics, **given))
+    inputs = {"mask": masks[0]} if own else {"masks": masks}
+    answers = list(track(laptop, clip.frames, intrinsics=clip.intrinsics, **inputs))
     assert [answer.anew for answer in answers] == [True, *[False] * (FRAMES - 1)]
     assert float(errors(clip, answers).max()) < 10
     assert min(answer.overlap for answer in answers) > 0.8
@@ -42,8 +55,8 @@ def test_an_object_is_followed(laptop, clip, own):
     assert answers[-1].drawing.shape == (64, 64, 3)
 
 
-def test_a_frame_draws_three_pictures_and_runs_the_head_once(laptop, clip, monkeypatch):
-    tracker = Tracker(laptop, laptop.pose(clip.frames[0], mask=clip.masks[0] > 0.5, intrinsics=clip.intrinsics))
+def test_a_frame_draws_three_pictures_and_runs_the_head_once(laptop, clip, first, monkeypatch):
+    tracker = Tracker(laptop, first)
     drawn = []
     forward = type(tracker.bound).forward
 
@@ -62,12 +75,12 @@ def test_a_frame_draws_three_pictures_and_runs_the_head_once(laptop, clip, monke
 
 
 @pytest.mark.slow
-def test_an_object_that_is_lost_is_looked_for_anew(laptop, clip):
-    tracker = Tracker(laptop, laptop.pose(clip.frames[0], mask=clip.masks[0] > 0.5, intrinsics=clip.intrinsics))
+def test_an_object_that_is_lost_is_looked_for_anew(laptop, clip, first):
+    tracker = Tracker(laptop, first)
     asked = []
     pose = laptop.pose
     tracker.model = type("Asked", (), {"__getattr__": lambda _, name: getattr(laptop, name)})()
-    tracker.model.pose = lambda *given, **named: (asked.append(named["box"]), pose(*given, **named))[1]
+    tracker.model.pose = lambda *args, **named: (asked.append(named["box"]), pose(*args, **named))[1]
     answer = tracker(np.random.default_rng(0).random(clip.frames[0].shape, np.float32))
     assert len(asked) == 1
     assert answer.overlap == 0.0  # nothing stands out in noise
@@ -76,20 +89,21 @@ def test_an_object_that_is_lost_is_looked_for_anew(laptop, clip):
 
 def test_a_model_without_a_head_is_refused(laptop, clip):
     headless = CategoryModel(laptop.generator, laptop.encoder, laptop.extents, laptop.card)
+    headless.pose = lambda *args, **named: pytest.fail("fitted in vain")
     with pytest.raises(ValueError, match="no pose head"):
         list(track(headless, clip.frames[:1], mask=clip.masks[0] > 0.5, intrinsics=clip.intrinsics))
 
 
-def test_frames_of_another_size_and_missing_masks_are_named(laptop, clip):
+def test_frames_of_another_size_and_missing_masks_are_named(known_first, clip):
     masks = [mask > 0.5 for mask in clip.masks]
     with pytest.raises(ValueError, match="frame must be as large as the first"):
-        list(track(laptop, [clip.frames[0], clip.frames[1][:100]], mask=masks[0], intrinsics=clip.intrinsics))
+        list(track(known_first, [clip.frames[0], clip.frames[1][:100]], mask=masks[0], intrinsics=clip.intrinsics))
     with pytest.raises(ValueError, match="one for each frame"):
-        list(track(laptop, clip.frames[:2], masks=masks[:1], intrinsics=clip.intrinsics))
+        list(track(known_first, clip.frames[:2], masks=masks[:1], intrinsics=clip.intrinsics))
 
 
-def test_a_frame_whose_drawing_explains_nothing_is_not_called_found(laptop, clip):
-    tracker = Tracker(laptop, laptop.pose(clip.frames[0], mask=clip.masks[0] > 0.5, intrinsics=clip.intrinsics))
+def test_a_frame_whose_drawing_explains_nothing_is_not_called_found(laptop, clip, first):
+    tracker = Tracker(laptop, first)
     assert tracker.last.found
     assert tracker.last.confidence > 0.5
     good = tracker(clip.frames[1], clip.masks[1] > 0.5)

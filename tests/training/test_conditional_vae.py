@@ -90,75 +90,75 @@ def trainer(tmp_path, **settings):
 @pytest.fixture
 def logged(monkeypatch):
     """Collects what a step without a trainer writes down."""
-    said = {}
-    monkeypatch.setattr(ConditionalVAE, "log", lambda self, name, value, **_: said.update({name: float(value)}))
+    kept = {}
+    monkeypatch.setattr(ConditionalVAE, "log", lambda self, name, value, **_: kept.update({name: float(value)}))
     monkeypatch.setattr(
-        ConditionalVAE, "log_dict", lambda self, values, **_: said.update({k: float(v) for k, v in values.items()})
+        ConditionalVAE, "log_dict", lambda self, values, **_: kept.update({k: float(v) for k, v in values.items()})
     )
-    return said
+    return kept
 
 
 class TestTheLoss:
     def test_is_the_formula(self, logged):
-        module, given = build(), batch()
+        module, sample = build(), batch()
         torch.manual_seed(11)
-        loss = module.training_step(given, 0)
+        loss = module.training_step(sample, 0)
 
         torch.manual_seed(11)
-        mean, log_variance = module.encoder(given["source"])
+        mean, log_variance = module.encoder(sample["source"])
         posterior = Normal(mean, (0.5 * log_variance).exp())
         code = posterior.rsample()
-        drawn = module.generator(code=code, azimuth=given["azimuth"], elevation=given["elevation"])
-        image = (drawn.image - given["target"]).abs().mean()
-        mask = (drawn.mask - given["target_mask"]).square().mean()
-        extents = (module.extents(code) - given["extents"]).abs().mean()
+        drawn = module.generator(code=code, azimuth=sample["azimuth"], elevation=sample["elevation"])
+        image = (drawn.image - sample["target"]).abs().mean()
+        mask = (drawn.mask - sample["target_mask"]).square().mean()
+        extents = (module.extents(code) - sample["extents"]).abs().mean()
         divergence = kl_divergence(posterior, Normal(0.0, 1.0)).sum(1).mean()
         torch.testing.assert_close(loss, image + 0.2 * mask + 0.3 * extents + 0.01 * divergence)
         expected = {"image": image, "mask": mask, "extents": extents, "kl": divergence, "loss": loss}
         assert logged == {f"train/{name}": pytest.approx(float(value.detach())) for name, value in expected.items()}
 
     def test_counts_the_divergence_in_nats_summed_over_the_code(self, logged):
-        class Sure(ConvEncoder):
+        class Certain(ConvEncoder):
             def forward(self, image):
                 mean = torch.tensor([[1.0, 0.0, 0.0, -2.0]]).expand(len(image), 4)
                 return mean, torch.tensor([[0.0, math.log(4.0), 0.0, 0.0]]).expand(len(image), 4)
 
-        build(encoder=Sure()).training_step(batch(), 0)
+        build(encoder=Certain()).training_step(batch(), 0)
         # ½ (1 + 4) of the means and ½ (4 − 1 − ln 4) of the one spread.
         assert logged["train/kl"] == pytest.approx(2.5 + 0.80685282, abs=1e-6)
 
     def test_of_validation_is_drawn_from_the_mean_code(self, logged):
-        module, given = build().eval(), batch()
+        module, sample = build().eval(), batch()
         with torch.no_grad():
-            module.validation_step(given, 0)
-            drawn = module(given["source"], given["azimuth"], given["elevation"])
-        away = (drawn.image - given["target"]).abs().mean().item()
+            module.validation_step(sample, 0)
+            drawn = module(sample["source"], sample["azimuth"], sample["elevation"])
+        away = (drawn.image - sample["target"]).abs().mean().item()
         assert [logged["val/l1"], logged["val/image"]] == pytest.approx([away, away])
         assert set(logged) == {f"val/{name}" for name in ("l1", "image", "mask", "extents", "ssim", "mask_iou")}
 
     def test_of_a_drawing_without_fault_is_nothing_and_masks_count_by_their_shared_part(self, logged, monkeypatch):
-        module, given = build().eval(), batch()
+        module, sample = build().eval(), batch()
         true = torch.zeros(4, 1, SIDE, SIDE)
-        true[:, :, :8], given["target_mask"] = 1, true
-        said = true.clone()
-        said[0, :, 4:] = 0  # half of it, and nothing else
-        said[1, :, :12] = 1  # it, and half as much again
-        monkeypatch.setattr(module, "forward", lambda *given_: Rendering(given["target"], said))
+        true[:, :, :8], sample["target_mask"] = 1, true
+        output = true.clone()
+        output[0, :, 4:] = 0  # half of it, and nothing else
+        output[1, :, :12] = 1  # it, and half as much again
+        monkeypatch.setattr(module, "forward", lambda *args: Rendering(sample["target"], output))
         with torch.no_grad():
-            module.validation_step(given, 0)
+            module.validation_step(sample, 0)
         assert logged["val/l1"] == 0
         assert logged["val/ssim"] == pytest.approx(1)
         assert logged["val/mask_iou"] == pytest.approx((1 / 2 + 2 / 3 + 1 + 1) / 4)
 
     def test_has_the_structural_similarity_of_scikit_image(self, logged, monkeypatch):
-        module, given = build().eval(), batch()
-        drawn = (given["target"] + 0.3 * given["source"]).clamp(0, 1)
-        monkeypatch.setattr(module, "forward", lambda *given_: Rendering(drawn))
-        monkeypatch.setattr(module, "_compare", lambda *given_: {})
+        module, sample = build().eval(), batch()
+        drawn = (sample["target"] + 0.3 * sample["source"]).clamp(0, 1)
+        monkeypatch.setattr(module, "forward", lambda *args: Rendering(drawn))
+        monkeypatch.setattr(module, "_compare", lambda *args: {})
         with torch.no_grad():
-            module.validation_step(given, 0)
+            module.validation_step(sample, 0)
         settings = {"data_range": 1, "channel_axis": 0, "gaussian_weights": True, "use_sample_covariance": False}
-        one = [structural_similarity(a.numpy(), b.numpy(), **settings) for a, b in zip(drawn, given["target"])]  # noqa: B905
+        one = [structural_similarity(a.numpy(), b.numpy(), **settings) for a, b in zip(drawn, sample["target"])]  # noqa: B905
         assert logged["val/ssim"] == pytest.approx(sum(one) / 4, abs=0.01)
         assert "val/mask_iou" not in logged
 
@@ -172,32 +172,30 @@ class TestTheLoss:
             assert sum(float(slope.abs().sum()) for slope in slopes) > 0, name
 
     def test_does_without_extents_and_depth_where_the_batch_has_none(self, logged):
-        given = {name: value for name, value in batch().items() if name not in ("extents", "target_depth")}
+        sample = {name: value for name, value in batch().items() if name not in ("extents", "target_depth")}
         module = build()
         with torch.no_grad():
-            assert module.training_step(given, 0).isfinite()
-            module.validation_step(given, 0)
+            assert module.training_step(sample, 0).isfinite()
+            module.validation_step(sample, 0)
         assert not any("extents" in name for name in logged)
 
     def test_shows_the_encoder_the_jittered_view_only_while_training(self, logged, monkeypatch):
-        module, given, seen = build(similarity=RandomSimilarity(0.0, 0.0, 1.0)), batch(), []
-        monkeypatch.setattr(module, "similarity", lambda image: seen.append(image) or image)
+        module, sample, recorded = build(similarity=RandomSimilarity(0.0, 0.0, 1.0)), batch(), []
+        monkeypatch.setattr(module, "similarity", lambda image: recorded.append(image) or image)
         with torch.no_grad():
-            module.training_step(given, 0)
-            module.validation_step(given, 0)
-        assert len(seen) == 1
-        assert seen[0] is given["source"]
+            module.training_step(sample, 0)
+            module.validation_step(sample, 0)
+        assert len(recorded) == 1
+        assert recorded[0] is sample["source"]
 
     def test_shows_the_encoder_a_photograph_of_the_view_jittered(self, logged):
-        module, given, seen = build(), batch(), []
-        given["source_mask"] = given["source"][:, :1]
-        module.photometric, module.similarity = (
-            (lambda image, mask: image * mask),
-            (lambda image: seen.append(image) or image),
-        )
+        module, sample, recorded = build(), batch(), []
+        sample["source_mask"] = sample["source"][:, :1]
+        module.photometric = lambda image, mask: image * mask
+        module.similarity = lambda image: recorded.append(image) or image
         with torch.no_grad():
-            module.training_step(given, 0)
-        torch.testing.assert_close(seen[0], given["source"] * given["source_mask"])
+            module.training_step(sample, 0)
+        torch.testing.assert_close(recorded[0], sample["source"] * sample["source_mask"])
 
 
 class TestLossNetworks:
@@ -237,11 +235,12 @@ class TestTraining:
             assert bool(p.isfinite().all()), name
             assert not torch.equal(p, before[name]), name
 
+    @pytest.mark.slow
     @quiet
     def test_brings_the_loss_down_on_what_it_sees_again_and_again(self, tmp_path):
         module, losses = build(losses={"image": L1()}, loss_weights=None, kl_weight=0.0), []
         step = module.training_step
-        module.training_step = lambda *given: losses.append(step(*given)) or losses[-1]
+        module.training_step = lambda *args: losses.append(step(*args)) or losses[-1]
         trainer(tmp_path, max_steps=40).fit(module, loader(count=1), loader())
         assert sum(losses[-5:]) < 0.9 * sum(losses[:5])
 
@@ -266,11 +265,11 @@ class TestTraining:
         monkeypatch.setattr(Trainer, "estimated_stepping_batches", total)
         module, rates = build(), []
         module.trainer = trainer(tmp_path)
-        said = module.configure_optimizers()
+        configured = module.configure_optimizers()
         for _ in range(total):
-            rates.append(said["optimizer"].param_groups[0]["lr"])
-            said["optimizer"].step()
-            said["lr_scheduler"]["scheduler"].step()
+            rates.append(configured["optimizer"].param_groups[0]["lr"])
+            configured["optimizer"].step()
+            configured["lr_scheduler"]["scheduler"].step()
         rise = max(1, total // 20)
         assert max(rates) <= 0.01
         assert all(a < b for a, b in pairwise(rates[:rise]))
@@ -286,7 +285,7 @@ class TestTraining:
             trainer(tmp_path, max_steps=-1, max_epochs=-1).fit(build(), loader(), loader())
 
     @pytest.mark.parametrize(
-        ("changes", "said"),
+        ("changes", "message"),
         [
             (
                 {"losses": {"kl": L1()}, "loss_weights": None},
@@ -295,8 +294,8 @@ class TestTraining:
             ({"losses": {"ssim": L1()}, "loss_weights": None}, "losses: the name ssim is reserved for the log"),
         ],
     )
-    def test_mistakes_in_the_losses_names_are_reported_when_it_is_built(self, changes, said):
-        with pytest.raises(ValueError, match=said):
+    def test_mistakes_in_the_losses_names_are_reported_when_it_is_built(self, changes, message):
+        with pytest.raises(ValueError, match=message):
             build(**changes)
 
 
@@ -382,17 +381,17 @@ def test_a_step_on_thinned_pixels_has_on_average_the_loss_of_the_whole_step(monk
 
 def test_views_are_drawn_from_the_distances_at_which_they_were_taken(monkeypatch):
     field = RadianceField(4, (4, 3), 4, image_size=SIDE, refined=False, unit_fraction=1.1)
-    model, seen, picture = build(generator=field), [], field._picture
+    model, recorded, picture = build(generator=field), [], field._picture
     monkeypatch.setattr(model, "log", lambda *args, **kwargs: None)
     monkeypatch.setattr(model, "log_dict", lambda *args, **kwargs: None)
-    monkeypatch.setattr(field, "_picture", lambda *args: seen.append(args[1].get("focal")) or picture(*args))
+    monkeypatch.setattr(field, "_picture", lambda *args: recorded.append(args[1].get("focal")) or picture(*args))
     distance = torch.linspace(1.3, 8.0, len(batch()["azimuth"]))
     model.training_step(batch() | {"distance": distance}, 0)
     model.report(batch() | {"distance": distance}, "val")
     model.training_step(batch(), 0)
-    for focal in seen[:2]:
+    for focal in recorded[:2]:
         torch.testing.assert_close(focal, 1.1 * (distance.square() - 1 / 4).sqrt())
-    assert seen[2] is None
+    assert recorded[2] is None
 
 
 def test_a_generator_of_whole_pictures_cannot_be_thinned():

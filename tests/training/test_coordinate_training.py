@@ -48,9 +48,9 @@ def test_coordinates_are_those_of_the_rasterizer(unit_fraction, distance):
     batch, truth = views(unit_fraction=unit_fraction, distance=distance)
     angles = batch["azimuth"], batch["elevation"]
     found = coordinates_of(batch["target_depth"], *angles, unit_fraction, distance)
-    seen = (batch["target_mask"] > 0).expand_as(truth)
-    assert seen.sum() > 600
-    torch.testing.assert_close(found[seen], truth[seen], atol=1e-5, rtol=0)
+    observed = (batch["target_mask"] > 0).expand_as(truth)
+    assert observed.sum() > 600
+    torch.testing.assert_close(found[observed], truth[observed], atol=1e-5, rtol=0)
 
 
 def test_each_row_has_its_own_distance():
@@ -61,30 +61,30 @@ def test_each_row_has_its_own_distance():
     truth, mask = (
         torch.stack([a[0], b[1]]) for a, b in ((near_truth, far_truth), (near["target_mask"], far["target_mask"]))
     )
-    seen = (mask > 0).expand_as(truth)
-    torch.testing.assert_close(found[seen], truth[seen], atol=1e-5, rtol=0)
+    observed = (mask > 0).expand_as(truth)
+    torch.testing.assert_close(found[observed], truth[observed], atol=1e-5, rtol=0)
 
 
 def test_the_loss_is_the_mean_divergence_of_the_targets(monkeypatch):
-    told = {}
-    monkeypatch.setattr(CoordinateTraining, "log", lambda self, name, value, **_: told.update({name: float(value)}))
-    module, (given, truth) = make().eval(), views()
+    logged = {}
+    monkeypatch.setattr(CoordinateTraining, "log", lambda self, name, value, **_: logged.update({name: float(value)}))
+    module, (sample, truth) = make().eval(), views()
     with torch.no_grad():
-        loss = module.training_step(given, 0)
-        module.validation_step(given, 0)
-        expected = module.regressor.divergence(module(given["target"]), truth, given["target_mask"]).mean()
+        loss = module.training_step(sample, 0)
+        module.validation_step(sample, 0)
+        expected = module.regressor.divergence(module(sample["target"]), truth, sample["target_mask"]).mean()
     torch.testing.assert_close(loss, expected, atol=1e-4, rtol=0)
-    assert told == {"train/coordinates": pytest.approx(float(loss)), "val/coordinates": pytest.approx(float(loss))}
+    assert logged == {"train/coordinates": pytest.approx(float(loss)), "val/coordinates": pytest.approx(float(loss))}
 
 
 def test_coordinates_follow_the_jittered_picture(monkeypatch):
-    module, (given, truth) = (
+    module, (sample, truth) = (
         make(similarity=RandomSimilarity(180.0, 0.3, 1.4), recoloring=lambda image: image / 2),
         views(),
     )
-    module.log, shown = lambda *told, **settings: None, {}
+    module.log, shown = lambda *args, **settings: None, {}
     # What is seen are the coordinates themselves, so picture and truth can be compared.
-    given["target"] = truth * (given["target_mask"] > 0) + 1
+    sample["target"] = truth * (sample["target_mask"] > 0) + 1
     module.regressor.register_forward_pre_hook(lambda _, inputs: shown.update(image=inputs[0]))
 
     def divergence(logits, coordinates, mask):
@@ -93,7 +93,7 @@ def test_coordinates_follow_the_jittered_picture(monkeypatch):
 
     monkeypatch.setattr(module.regressor, "divergence", divergence)
     module.recoloring = None
-    module.training_step(given, 0)
+    module.training_step(sample, 0)
     inside = (shown["mask"] > 0.999).expand_as(truth)
     assert inside.sum() > 300
     torch.testing.assert_close(shown["truth"][inside], shown["image"][inside] - 1, atol=1e-3, rtol=0)
@@ -101,23 +101,23 @@ def test_coordinates_follow_the_jittered_picture(monkeypatch):
 
 
 def test_views_without_depth_are_refused():
-    given = views()[0]
-    del given["target_depth"]
+    sample = views()[0]
+    del sample["target_depth"]
     with pytest.raises(ValueError, match="needs views with depth"):
-        make().training_step(given, 0)
+        make().training_step(sample, 0)
 
 
 @quiet
 def test_some_steps_lessen_the_loss_and_the_checkpoint_holds_plain_data_alone(tmp_path):
-    module, (given, truth) = make(rate=0.01), views()
-    one = DataLoader([given], batch_size=None)
+    module, (sample, truth) = make(rate=0.01), views()
+    one = DataLoader([sample], batch_size=None)
     trainer = Trainer(
         default_root_dir=tmp_path, max_epochs=25, accelerator="cpu", logger=False, enable_checkpointing=False,
         enable_progress_bar=False, enable_model_summary=False,
     )  # fmt: skip
     trainer.fit(module, one, one)
     with torch.no_grad():
-        loss = module.regressor.divergence(module.eval()(given["target"]), truth, given["target_mask"]).mean()
+        loss = module.regressor.divergence(module.eval()(sample["target"]), truth, sample["target_mask"]).mean()
     assert loss < 1.8  # ln 8 = 2.08 for a guess
     trainer.save_checkpoint(tmp_path / "all.ckpt")
     saved = torch.load(tmp_path / "all.ckpt", weights_only=True)

@@ -77,7 +77,7 @@ def started(monkeypatch, tmp_path):
         whole = getattr(Trainer, command)
 
         @functools.wraps(whole)
-        def begin(trainer, *given, **settings):
+        def begin(trainer, *args, **settings):
             trainers.append(trainer)
 
         monkeypatch.setattr(Trainer, command, begin)
@@ -152,9 +152,9 @@ def test_a_printed_recipe_gives_the_same_run(recipe, capsys, tmp_path):
     first = printed(RECIPES / f"{recipe}.yaml")
     (tmp_path / "printed.yaml").write_text(first)
     assert printed(tmp_path / "printed.yaml") == first
-    told, said = yaml.safe_load(first), yaml.safe_load((RECIPES / f"{recipe}.yaml").read_text())
-    assert told["model"]["class_path"] == said["model"]["class_path"]
-    assert len(told["trainer"]["callbacks"] or []) == len(said["trainer"].get("callbacks", []))
+    messages, written = yaml.safe_load(first), yaml.safe_load((RECIPES / f"{recipe}.yaml").read_text())
+    assert messages["model"]["class_path"] == written["model"]["class_path"]
+    assert len(messages["trainer"]["callbacks"] or []) == len(written["trainer"].get("callbacks", []))
 
 
 def test_the_recipes_that_train_are_known():
@@ -172,13 +172,13 @@ def test_the_recipes_that_train_are_known():
 
 
 @pytest.fixture
-def told():
+def messages():
     """Words that Lightning logs."""
-    seen, logger = [], logging.getLogger("lightning.pytorch.utilities.rank_zero")
+    recorded, logger = [], logging.getLogger("lightning.pytorch.utilities.rank_zero")
     handler = logging.Handler()
-    handler.emit = lambda record: seen.append(record.getMessage())
+    handler.emit = lambda record: recorded.append(record.getMessage())
     logger.addHandler(handler)
-    yield seen
+    yield recorded
     logger.removeHandler(handler)
 
 
@@ -191,16 +191,16 @@ SMALL = (
 
 
 @pytest.mark.slow
-def test_a_training_stops_early_and_is_validated_and_tested_without_noise(monkeypatch, tmp_path, told, capsys):
+def test_a_training_stops_early_and_is_validated_and_tested_without_noise(monkeypatch, tmp_path, messages, capsys):
     monkeypatch.chdir(tmp_path)
     stop = ("--trainer.callbacks+=EarlyStopping", "--trainer.callbacks.monitor", "val/l1")
     never = ("--trainer.callbacks.patience", 1, "--trainer.callbacks.min_delta", 1)
     trainers, whole = [], Trainer.fit
 
     @functools.wraps(whole)
-    def fit(trainer, *given, **settings):
+    def fit(trainer, *args, **settings):
         trainers.append(trainer)
-        return whole(trainer, *given, **settings)
+        return whole(trainer, *args, **settings)
 
     monkeypatch.setattr(Trainer, "fit", fit)
     # Warnings are errors here, so that it says none.
@@ -208,8 +208,8 @@ def test_a_training_stops_early_and_is_validated_and_tested_without_noise(monkey
     (trainer,) = trainers
     assert trainer.current_epoch == 2
     assert [type(one) for one in trainer.callbacks].count(EarlyStopping) == 1
-    assert told
-    assert not [line for line in told if "Tip" in line]
+    assert messages
+    assert not [line for line in messages if "Tip" in line]
 
     run = tmp_path / "lightning_logs" / "version_0"
     assert {path.name for path in run.glob("checkpoints/*")} == {"best.ckpt", "last.ckpt"}

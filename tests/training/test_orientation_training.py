@@ -32,28 +32,28 @@ def batch(rows=3, seed=0):
     return views | masks | {name: torch.rand(rows, generator=rng) for name in angles}
 
 
-def truth_of(given):
-    azimuth, elevation = (torch.cat([given[f"source_{name}"], given[name]]) for name in ("azimuth", "elevation"))
+def truth_of(inputs):
+    azimuth, elevation = (torch.cat([inputs[f"source_{name}"], inputs[name]]) for name in ("azimuth", "elevation"))
     return rotation_from_angles(azimuth, elevation, torch.zeros(len(azimuth)))
 
 
 @pytest.fixture
 def logged(monkeypatch):
-    told = {}
+    entries = {}
     monkeypatch.setattr(
-        OrientationTraining, "log", lambda self, name, value, **settings: told.update({name: float(value)})
+        OrientationTraining, "log", lambda self, name, value, **settings: entries.update({name: float(value)})
     )
-    return told
+    return entries
 
 
 def test_the_loss_is_the_mean_distance_and_the_median_error_is_logged(logged):
-    module, given = build().eval(), batch()
+    module, sample = build().eval(), batch()
     with torch.no_grad():
-        loss = module.training_step(given, 0)
-        module.validation_step(given, 0)
+        loss = module.training_step(sample, 0)
+        module.validation_step(sample, 0)
         module.on_validation_epoch_end()
-        said = module(torch.cat([given["source"], given["target"]]))
-    errors = rotation_error(said, truth_of(given))
+        output = module(torch.cat([sample["source"], sample["target"]]))
+    errors = rotation_error(output, truth_of(sample))
     within = {f"val/within_{limit}deg": (errors.rad2deg() < limit).float().mean() for limit in (10, 30)}
     torch.testing.assert_close(loss, (1 - errors.cos()).mean())
     expected = {"train/rotation": loss, "val/rotation": loss, "val/rotation_deg": errors.rad2deg().quantile(0.5)}
@@ -62,36 +62,36 @@ def test_the_loss_is_the_mean_distance_and_the_median_error_is_logged(logged):
 
 
 def test_views_are_scaled_then_disturbed_in_training_alone(logged):
-    seen = []
+    recorded = []
 
     def corruption(image, mask):
-        seen.append(mask)
+        recorded.append(mask)
         return image / 2, mask
 
     module = build(similarity=RandomSimilarity(0.0, 0.0, 1.0), corruption=corruption).eval()
-    module.regressor.register_forward_pre_hook(lambda _, inputs: seen.append(inputs[0]))
-    given = batch()
+    module.regressor.register_forward_pre_hook(lambda _, inputs: recorded.append(inputs[0]))
+    sample = batch()
     with torch.no_grad():
-        module.training_step(given, 0)
-        module.validation_step(given, 0)
-    shown = torch.cat([given["source"], given["target"]])
-    torch.testing.assert_close(seen[0], torch.ones(6, 1, SIDE, SIDE), atol=1e-4, rtol=0)
-    torch.testing.assert_close(seen[1], shown / 2, atol=1e-4, rtol=0)
-    torch.testing.assert_close(seen[2], shown)
+        module.training_step(sample, 0)
+        module.validation_step(sample, 0)
+    shown = torch.cat([sample["source"], sample["target"]])
+    torch.testing.assert_close(recorded[0], torch.ones(6, 1, SIDE, SIDE), atol=1e-4, rtol=0)
+    torch.testing.assert_close(recorded[1], shown / 2, atol=1e-4, rtol=0)
+    torch.testing.assert_close(recorded[2], shown)
 
 
 def test_the_mask_follows_the_jitter():
     module = build(
         similarity=RandomSimilarity(0.0, 0.0, 3.0),
-        corruption=lambda image, mask: seen.append((image, mask)) or (image, mask),
+        corruption=lambda image, mask: recorded.append((image, mask)) or (image, mask),
     )
-    module.log, seen, given = lambda *told, **settings: None, [], batch()
+    module.log, recorded, sample = lambda *args, **settings: None, [], batch()
     middle = torch.zeros(3, 1, SIDE, SIDE)
     middle[..., 8:24, 8:24] = 1
-    given |= {f"{view}_mask": middle for view in ("source", "target")}
-    given |= {view: (1 - middle).expand(-1, 3, -1, -1) for view in ("source", "target")}
-    module.training_step(given, 0)
-    image, mask = seen[0]
+    sample |= {f"{view}_mask": middle for view in ("source", "target")}
+    sample |= {view: (1 - middle).expand(-1, 3, -1, -1) for view in ("source", "target")}
+    module.training_step(sample, 0)
+    image, mask = recorded[0]
     torch.testing.assert_close(mask, 1 - image[:, :1])
     assert not torch.allclose(mask[0], mask[1])
 

@@ -71,12 +71,12 @@ def test_edges_take_in_surroundings_and_lose_parts_of_the_object():
 
 def test_random_numbers_are_torchs():
     image, mask = discs(8)
-    seen = []
+    recorded = []
     for seed in (1, 1, 2):
         torch.manual_seed(seed)
-        seen.append(PhotometricAugmentation()(image, mask))
-    assert torch.equal(seen[0], seen[1])
-    assert not torch.equal(seen[0], seen[2])
+        recorded.append(PhotometricAugmentation()(image, mask))
+    assert torch.equal(recorded[0], recorded[1])
+    assert not torch.equal(recorded[0], recorded[2])
 
 
 @pytest.mark.parametrize("name", ["exposure", "cast", "blur", "noise", "edge"])

@@ -51,15 +51,15 @@ def run(tmp_path, grid, logger, epochs=1):
         max_epochs=epochs, log_every_n_steps=1, accelerator="cpu", default_root_dir=tmp_path, logger=logger,
         callbacks=[grid], **silent,
     )  # fmt: skip
-    given = DataLoader([batch()], batch_size=None)
-    trainer.fit(Tilted(), given, given)
+    sample = DataLoader([batch()], batch_size=None)
+    trainer.fit(Tilted(), sample, sample)
 
 
 def check(picture, rows):
     """Source, target, reconstruction and two views a row."""
     assert picture.shape == (len(rows) * SIDE, 5 * SIDE, 3)
-    given = batch()
-    shown = [given["source"], given["target"], given["source"], given["source"], given["source"] / (1 + torch.pi)]
+    sample = batch()
+    shown = [sample["source"], sample["target"], sample["source"], sample["source"], sample["source"] / (1 + torch.pi)]
     for row, number in enumerate(rows):
         for column, pictures in enumerate(shown):
             tile = picture[row * SIDE : (row + 1) * SIDE, column * SIDE : (column + 1) * SIDE]
@@ -88,27 +88,27 @@ def test_tensorboard_gets_the_pictures_and_no_file_is_written_beside_it(tmp_path
     assert not list(tmp_path.rglob("*.png"))
 
 
-class Told:
+class Client:
     """Stands for a logger's client: keeps what it is told."""
 
     def __init__(self):
         self.calls = []
 
-    def log_image(self, *given, **settings):
-        self.calls.append((given, settings))
+    def log_image(self, *args, **settings):
+        self.calls.append((args, settings))
 
     add_image = log_image
 
 
 @pytest.mark.parametrize("name", ["MLflow", "Comet", "Weights & Biases", "own"])
 def test_other_loggers_get_the_pictures_in_their_own_way(tmp_path, name):
-    told = Told()
+    logger = Client()
 
     class Own(CSVLogger):
         @property
         def experiment(self):
             writer = super().experiment
-            writer.log_image, writer.add_image = told.log_image, told.add_image
+            writer.log_image, writer.add_image = logger.log_image, logger.add_image
             return writer
 
     class MLflow(Own):
@@ -120,14 +120,14 @@ def test_other_loggers_get_the_pictures_in_their_own_way(tmp_path, name):
 
     class WeightsAndBiases(CSVLogger):
         def log_image(self, key, images, step):
-            told.log_image(key, *images, step)
+            logger.log_image(key, *images, step)
 
     kinds = {"MLflow": MLflow, "Comet": Comet, "Weights & Biases": WeightsAndBiases, "own": Own}
     run(tmp_path, PictureGrid(2, 2), kinds[name](tmp_path, "", ""))
-    ((given, settings),) = told.calls
-    (pixels,) = (value for value in given if hasattr(value, "shape"))
+    ((inputs, settings),) = logger.calls
+    (pixels,) = (value for value in inputs if hasattr(value, "shape"))
     check(pixels, rows=(0, 3))
-    others = [value for value in given if value is not pixels]
+    others = [value for value in inputs if value is not pixels]
     assert (others, settings) == {
         "MLflow": (["r1"], {"key": "pictures", "step": 1}),
         "Comet": ([], {"name": "pictures", "step": 1}),

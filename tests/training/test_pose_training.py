@@ -36,9 +36,9 @@ def batch(rows=4, seed=0):
 
 @pytest.fixture
 def logged(monkeypatch):
-    told = {}
-    monkeypatch.setattr(PoseTraining, "log", lambda self, name, value, **settings: told.update({name: float(value)}))
-    return told
+    entries = {}
+    monkeypatch.setattr(PoseTraining, "log", lambda self, name, value, **settings: entries.update({name: float(value)}))
+    return entries
 
 
 @pytest.fixture
@@ -55,25 +55,25 @@ def learned(monkeypatch):
 
 
 def test_sources_and_targets_are_cropped_and_learned_with_their_rolls(logged, learned):
-    module, given = build(crop=RandomCrop(SIDE, shift=0.0, scale=1.0, hidden=0.0)), batch()
-    loss = module.training_step(given, 0)
+    module, sample = build(crop=RandomCrop(SIDE, shift=0.0, scale=1.0, hidden=0.0)), batch()
+    loss = module.training_step(sample, 0)
     ((image, azimuth, elevation, roll),) = learned
-    views, masks = (torch.cat([given[f"source{part}"], given[f"target{part}"]]) for part in ("", "_mask"))
+    views, masks = (torch.cat([sample[f"source{part}"], sample[f"target{part}"]]) for part in ("", "_mask"))
     torch.testing.assert_close(image, crop_rolled(views, masks, roll, SIDE))
-    torch.testing.assert_close(azimuth, torch.cat([given["source_azimuth"], given["azimuth"]]))
-    torch.testing.assert_close(elevation, torch.cat([given["source_elevation"], given["elevation"]]))
+    torch.testing.assert_close(azimuth, torch.cat([sample["source_azimuth"], sample["azimuth"]]))
+    torch.testing.assert_close(elevation, torch.cat([sample["source_elevation"], sample["elevation"]]))
     assert logged == {"train/pose": pytest.approx(float(loss.detach()))}
 
 
 @pytest.mark.parametrize("symmetry", ["none", "y"])
 def test_validation_measures_the_likeliest_rotation_at_rolls_of_the_whole_circle(logged, symmetry, monkeypatch):
     head = FixedHead(symmetry).certain_of((0, 30, 0))
-    module, given = build(), batch(rows=3)
+    module, sample = build(), batch(rows=3)
     monkeypatch.setattr(module, "pose_head", head)
-    given |= {name: torch.full((3,), math.radians(30)) for name in ANGLES if "elevation" in name}
-    given |= {name: torch.zeros(3) for name in ANGLES if "azimuth" in name}
+    sample |= {name: torch.full((3,), math.radians(30)) for name in ANGLES if "elevation" in name}
+    sample |= {name: torch.zeros(3) for name in ANGLES if "azimuth" in name}
     with torch.no_grad():
-        module.test_step(given, 0)
+        module.test_step(sample, 0)
         module.on_test_epoch_end()
     roll = math.pi * (3 - math.sqrt(5)) * torch.arange(6.0)
     truth, found = (rotation_from_angles(torch.zeros(6), torch.full((6,), math.pi / 6), r) for r in (roll, 0 * roll))
@@ -96,7 +96,7 @@ def test_errors_of_one_validation_do_not_count_in_the_next(logged):
 
 
 def test_views_are_augmented_as_photos_then_recoloured_then_cropped(logged, learned):
-    given, order = batch(), []
+    sample, order = batch(), []
 
     def part(name):
         def augment(image, mask=None):
@@ -107,23 +107,23 @@ def test_views_are_augmented_as_photos_then_recoloured_then_cropped(logged, lear
         return augment
 
     module = build(photometric=part("photometric"), recoloring=part("recoloring"), crop=part("crop"))
-    module.training_step(given, 0)
+    module.training_step(sample, 0)
     assert order == ["photometric", "recoloring", "crop"]
 
 
 def test_half_of_the_views_are_mirrored_with_their_azimuths_and_rolls(logged, learned):
-    given, rolls = batch(rows=64), torch.linspace(-1, 1, 128)
+    sample, rolls = batch(rows=64), torch.linspace(-1, 1, 128)
     keep = lambda image, mask: (image, rolls)  # noqa: E731
     module = build(mirror=True, crop=keep)
-    module.training_step(given, 0)
+    module.training_step(sample, 0)
     ((image, azimuth, elevation, roll),) = learned
-    views, true = (torch.cat([given[one], given[other]]) for one, other in (("source", "target"), ANGLES[::2]))
+    views, true = (torch.cat([sample[one], sample[other]]) for one, other in (("source", "target"), ANGLES[::2]))
     mirrored = (image == views.flip(3)).flatten(1).all(1)
     assert 40 < int(mirrored.sum()) < 88
     torch.testing.assert_close(image[~mirrored], views[~mirrored])
     torch.testing.assert_close(azimuth, torch.where(mirrored, torch.pi - true, true))
     torch.testing.assert_close(roll, torch.where(mirrored, -rolls, rolls))
-    torch.testing.assert_close(elevation, torch.cat([given[name] for name in ANGLES[1::2]]))
+    torch.testing.assert_close(elevation, torch.cat([sample[name] for name in ANGLES[1::2]]))
 
 
 def test_a_view_in_a_mirror_is_the_mirrored_object_from_the_mirrored_side():
@@ -133,26 +133,26 @@ def test_a_view_in_a_mirror_is_the_mirrored_object_from_the_mirrored_side():
     torch.testing.assert_close(across[0] * torch.tensor([-1.0, 1.0, 1.0]), across[1])
 
 
-def loss(module, given):
+def loss(module, sample):
     with torch.no_grad():
-        log_probability = module.eval()(given["source"][..., :SIDE, :SIDE])
+        log_probability = module.eval()(sample["source"][..., :SIDE, :SIDE])
     module.train()
-    target = module.pose_head.log_kernel(given["source_azimuth"], given["source_elevation"], torch.zeros(4))
+    target = module.pose_head.log_kernel(sample["source_azimuth"], sample["source_elevation"], torch.zeros(4))
     return float((target.exp() * (target - log_probability)).sum(1).mean())
 
 
 @quiet
 def test_some_steps_lessen_the_loss_and_the_checkpoint_holds_plain_data_alone(tmp_path):
-    given = batch()
+    sample = batch()
     module = build(rate=0.01)
-    before = loss(module, given)
+    before = loss(module, sample)
     trainer = Trainer(
         default_root_dir=tmp_path, max_epochs=20, accelerator="cpu", logger=False, enable_checkpointing=False,
         enable_progress_bar=False, enable_model_summary=False,
     )  # fmt: skip
-    one = DataLoader([given], batch_size=None)
+    one = DataLoader([sample], batch_size=None)
     trainer.fit(module, one, one)
-    assert loss(module, given) < before
+    assert loss(module, sample) < before
     trainer.save_checkpoint(tmp_path / "all.ckpt")
     saved = torch.load(tmp_path / "all.ckpt", weights_only=True)
     assert dict(saved["hyper_parameters"]) == {

@@ -83,17 +83,17 @@ class TestShift:
 
 class TestRandomCorruption:
     def test_stays_within_its_ranges_and_fills_them(self, monkeypatch):
-        given = {}
+        inputs = {}
         steps = {
-            "occluded": lambda image, mask, share, rng: given.update(share=share) or (image, mask),
-            "brightened": lambda image, mask, factor: given.update(factor=factor) or image,
-            "shifted": lambda image, mask, offset: given.update(offset=offset) or (image, mask),
+            "occluded": lambda image, mask, share, rng: inputs.update(share=share) or (image, mask),
+            "brightened": lambda image, mask, factor: inputs.update(factor=factor) or image,
+            "shifted": lambda image, mask, offset: inputs.update(offset=offset) or (image, mask),
         }
         for name, step in steps.items():
             monkeypatch.setattr(f"kfit.training.random_corruption.{name}", step)
         RandomCorruption()(torch.ones(4000, 3, 1, 1), torch.ones(4000, 1, 1, 1))
-        length, turn = given["offset"].norm(dim=1), torch.atan2(*given["offset"].unbind(1))
-        ranges = ((given["share"], 0, 0.2), (given["factor"], 0.6, 1.4), (length, 0, 0.25), (turn, -3.1416, 3.1416))
+        length, turn = inputs["offset"].norm(dim=1), torch.atan2(*inputs["offset"].unbind(1))
+        ranges = ((inputs["share"], 0, 0.2), (inputs["factor"], 0.6, 1.4), (length, 0, 0.25), (turn, -3.1416, 3.1416))
         for value, low, high in ranges:
             assert low - 1e-6 <= value.min() < low + 0.01 * (high - low)
             assert high - 0.01 * (high - low) < value.max() <= high + 1e-6

@@ -14,13 +14,13 @@ class TestRandomSimilarity:
         torch.testing.assert_close(RandomSimilarity(0.0, 0.0, 1.0)(image), image, rtol=0, atol=2e-5)
 
     def test_stays_within_its_range_and_fills_it(self, monkeypatch):
-        given = {}
+        inputs = {}
         monkeypatch.setattr(
-            "kfit.training.random_similarity.warp", lambda drawn, **values: given.update(values) or drawn
+            "kfit.training.random_similarity.warp", lambda drawn, **values: inputs.update(values) or drawn
         )
         torch.manual_seed(0)
         RandomSimilarity(30.0, 0.2, 1.5)(torch.ones(4000, 3, 1, 1))
-        roll, shift, scale = given["roll"].rad2deg(), given["shift"], given["scale"]
+        roll, shift, scale = inputs["roll"].rad2deg(), inputs["shift"], inputs["scale"]
         for value, most in ((roll, 30), (shift, 0.2), (scale.log(), math.log(1.5))):
             assert value.abs().max() <= most * (1 + 1e-6)
             assert value.max() > 0.99 * most

@@ -35,9 +35,9 @@ def trainers(monkeypatch):
     kept, whole = [], Trainer.fit
 
     @wraps(whole)  # the command line reads the arguments off it
-    def fit(trainer, *given, **settings):
+    def fit(trainer, *args, **settings):
         kept.append(trainer)
-        return whole(trainer, *given, **settings)
+        return whole(trainer, *args, **settings)
 
     monkeypatch.setattr(Trainer, "fit", fit)
     return kept
@@ -72,8 +72,8 @@ def test_optimizer_and_scheduler_are_named_by_class_path(trainers, place):
     (config,) = trainer.lr_scheduler_configs
     assert (type(config.scheduler), config.interval) == (torch.optim.lr_scheduler.StepLR, "epoch")
     last = place / "lightning_logs" / "version_0" / "checkpoints" / "last.ckpt"
-    told = torch.load(last, weights_only=True)["hyper_parameters"]["optimizer"]
-    assert told["class_path"] == "torch.optim.SGD"
+    saved = torch.load(last, weights_only=True)["hyper_parameters"]["optimizer"]
+    assert saved["class_path"] == "torch.optim.SGD"
     train("--ckpt_path", last, "--model.optimizer", "torch.optim.SGD", "--model.optimizer.lr", 0.01, epochs=2)
 
 
@@ -120,11 +120,11 @@ def test_a_resumed_run_goes_on_in_its_own_folder_and_table(place):
 @pytest.mark.slow
 def test_a_checkpoint_tells_what_it_came_from(place):
     train()
-    told = torch.load(place / "lightning_logs/version_0/checkpoints/last.ckpt", weights_only=True)["kfit"]
-    assert {"kfit", "torch", "code", "data", "seed", "device", "precision"} <= set(told)
-    assert len(told["data"]) == 16
-    assert told["seed"] == 0
-    assert yaml.safe_load(told["recipe"])["data"]["init_args"]["num_objects"] == 2
+    saved = torch.load(place / "lightning_logs/version_0/checkpoints/last.ckpt", weights_only=True)["kfit"]
+    assert {"kfit", "torch", "code", "data", "seed", "device", "precision"} <= set(saved)
+    assert len(saved["data"]) == 16
+    assert saved["seed"] == 0
+    assert yaml.safe_load(saved["recipe"])["data"]["init_args"]["num_objects"] == 2
 
 
 @pytest.mark.slow
@@ -136,7 +136,7 @@ def test_weights_that_a_recipe_left_behind_are_told_and_weigh_nothing(trainers, 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("words", "code", "told"),
+    ("words", "code", "message"),
     [
         (("--model.generator", "kfit.generators.VEA3D"), 2, "did you mean kfit.generators.VAE3D?"),
         (("--trainer.callbacks+=EarlyStopping", "--trainer.callbacks.monitor", "val/none"), 2, "val/none"),
@@ -147,10 +147,10 @@ def test_weights_that_a_recipe_left_behind_are_told_and_weigh_nothing(trainers, 
         ),
     ],
 )
-def test_wrong_choices_are_the_user_s_and_get_a_sentence(capsys, words, code, told):
+def test_wrong_choices_are_the_user_s_and_get_a_sentence(capsys, words, code, message):
     ended, text = refused(capsys, *words)
     assert ended == code
-    assert told in text
+    assert message in text
     assert "fault of kfit's" not in text
 
 

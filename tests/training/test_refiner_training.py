@@ -50,9 +50,9 @@ def rows(count=4, seed=0):
 
 @pytest.fixture
 def logged(monkeypatch):
-    told = {}
-    monkeypatch.setattr(RefinerTraining, "log", lambda self, name, value, **more: told.update({name: float(value)}))
-    return told
+    entries = {}
+    monkeypatch.setattr(RefinerTraining, "log", lambda self, name, value, **more: entries.update({name: float(value)}))
+    return entries
 
 
 def test_a_drawing_at_the_true_pose_is_the_crop_of_a_view(monkeypatch):
@@ -70,8 +70,8 @@ def test_a_drawing_at_the_true_pose_is_the_crop_of_a_view(monkeypatch):
         rotation = rotation_from_angles(angles["azimuth"], angles["elevation"], crop.roll)
         truth = (rotation, shift, log_scale)
         observed = torch.cat([crop.cut(view.image, SIDE), 1 - crop.cut(1 - view.mask, SIDE)], 1)
-        lens, seen = focal * log_scale.exp(), torch.ones(2, 1, SIDE, SIDE)
-        drawn = Hypotheses(observed, *truth, *truth, code, lens, seen).draw(generator, "none")
+        lens, whole_mask = focal * log_scale.exp(), torch.ones(2, 1, SIDE, SIDE)
+        drawn = Hypotheses(observed, *truth, *truth, code, lens, whole_mask).draw(generator, "none")
     torch.testing.assert_close(drawn.drawn, observed, rtol=0, atol=1e-4)
     assert drawn.error.abs().max() < 1e-3
     assert drawn.rotation.abs().max() < 1e-3
@@ -79,14 +79,14 @@ def test_a_drawing_at_the_true_pose_is_the_crop_of_a_view(monkeypatch):
 
 def test_hypotheses_advance_to_the_truth_by_the_true_update():
     module = build()
-    given = module._observed("mug", batch()["mug"])
+    sample = module._observed("mug", batch()["mug"])
     with torch.no_grad():
-        made = given.draw(networks("mug")[0], "none")
-    spread = torch.zeros(4, 4)
-    there = given.advance(PoseUpdate(made.rotation, made.shift, made.log_scale, spread, spread[:, 0]))
-    torch.testing.assert_close(there.at_rotation, given.rotation, rtol=0, atol=1e-4)
-    torch.testing.assert_close(there.at_shift, given.shift, rtol=0, atol=1e-5)
-    torch.testing.assert_close(there.at_log_scale, given.log_scale, rtol=0, atol=1e-5)
+        made = sample.draw(networks("mug")[0], "none")
+    sigma = torch.zeros(4, 4)
+    there = sample.advance(PoseUpdate(made.rotation, made.shift, made.log_scale, sigma, sigma[:, 0]))
+    torch.testing.assert_close(there.at_rotation, sample.rotation, rtol=0, atol=1e-4)
+    torch.testing.assert_close(there.at_shift, sample.shift, rtol=0, atol=1e-5)
+    torch.testing.assert_close(there.at_log_scale, sample.log_scale, rtol=0, atol=1e-5)
 
 
 def test_hypotheses_are_near_flipped_or_of_any_kind():
@@ -103,27 +103,27 @@ def test_hypotheses_are_near_flipped_or_of_any_kind():
 def test_a_mirror_shows_the_update_of_the_mirrored_pose():
     here, there = (rotation_from_angles(*torch.rand(3, 2, generator=torch.Generator().manual_seed(s))) for s in (0, 1))
     flip = torch.diag(torch.tensor([-1.0, 1.0, 1.0]))
-    given = rows(2)._replace(rotation=rotation_update(here, there), up=here[:, :, 1])
-    seen = given.mirrored(torch.tensor([True, False]))
+    sample = rows(2)._replace(rotation=rotation_update(here, there), up=here[:, :, 1])
+    result = sample.mirrored(torch.tensor([True, False]))
     expected = rotation_update(flip @ here @ flip, flip @ there @ flip)
-    torch.testing.assert_close(seen.rotation[0], expected[0])
-    torch.testing.assert_close(seen.up[0], (flip @ here @ flip)[0, :, 1])
-    torch.testing.assert_close(seen.observed[0], given.observed[0].flip(2))
-    torch.testing.assert_close(seen.shift[0], given.shift[0] * torch.tensor([-1.0, 1.0]))
-    assert all(torch.equal(a[1], b[1]) for a, b in zip(seen, given, strict=True))
+    torch.testing.assert_close(result.rotation[0], expected[0])
+    torch.testing.assert_close(result.up[0], (flip @ here @ flip)[0, :, 1])
+    torch.testing.assert_close(result.observed[0], sample.observed[0].flip(2))
+    torch.testing.assert_close(result.shift[0], sample.shift[0] * torch.tensor([-1.0, 1.0]))
+    assert all(torch.equal(a[1], b[1]) for a, b in zip(result, sample, strict=True))
 
 
 def test_losses_are_least_at_the_true_update_and_ignore_free_turns():
-    given = rows()._replace(up=torch.tensor([[0.0, 1.0, 0.0]]).expand(4, 3))
-    spread = torch.full((4, 4), -3.0)
-    exact = PoseUpdate(given.rotation, given.shift, given.log_scale, spread, torch.full((4,), 3.0))
-    least = given.losses(exact)
-    for name, value in given.losses(exact._replace(rotation=exact.rotation + 0.1)).items():
+    sample = rows()._replace(up=torch.tensor([[0.0, 1.0, 0.0]]).expand(4, 3))
+    sigma = torch.full((4, 4), -3.0)
+    exact = PoseUpdate(sample.rotation, sample.shift, sample.log_scale, sigma, torch.full((4,), 3.0))
+    least = sample.losses(exact)
+    for name, value in sample.losses(exact._replace(rotation=exact.rotation + 0.1)).items():
         assert value > least[name] if name in ("tilt", "turn") else value == least[name]
-    free = given._replace(free_turn=torch.ones(4))
-    turned = exact.rotation + torch.tensor([0.0, 0.5, 0.0])
-    assert free.losses(exact._replace(rotation=turned))["turn"] == free.losses(exact)["turn"]
-    wrong = given._replace(error=torch.full((4,), math.pi))
+    free = sample._replace(free_turn=torch.ones(4))
+    rotated = exact.rotation + torch.tensor([0.0, 0.5, 0.0])
+    assert free.losses(exact._replace(rotation=rotated))["turn"] == free.losses(exact)["turn"]
+    wrong = sample._replace(error=torch.full((4,), math.pi))
     assert wrong.losses(exact)["right"] > least["right"]
     assert wrong.losses(exact)["tilt"] == 0
 
@@ -143,22 +143,22 @@ def test_the_next_step_continues_from_where_the_refiner_led(logged):
     module = build(repeats=0)
     module.training_step(batch(), 0)
     assert len(module._walking["mug"].focal) == 4
-    seen = []
-    module.refiner.register_forward_pre_hook(lambda network, given: seen.append(len(given[0])))
+    recorded = []
+    module.refiner.register_forward_pre_hook(lambda network, args: recorded.append(len(args[0])))
     module.training_step(batch(seed=1), 1)
-    assert seen == [8]
+    assert recorded == [8]
     assert {"train/tilt", "train/turn", "train/shift", "train/scale", "train/right"} <= set(logged)
 
 
 def test_validation_shows_the_same_hypotheses_and_leaves_random_numbers_alone(logged):
-    module, given = build().eval(), batch(rows=16)
+    module, sample = build().eval(), batch(rows=16)
     state = torch.get_rng_state()
     with torch.no_grad():
-        module.validation_step(given, 0)
+        module.validation_step(sample, 0)
     first = dict(logged)
     assert torch.equal(torch.get_rng_state(), state)
     with torch.no_grad():
-        module.validation_step(given, 0)
+        module.validation_step(sample, 0)
     assert {name: value for name, value in logged.items() if name in first} == first
     assert first["val/loss"] == pytest.approx(
         sum(first[f"val/{name}"] for name in ("tilt", "turn", "shift", "scale")) + 2 * first["val/right"], rel=1e-5
@@ -169,11 +169,11 @@ def test_validation_shows_the_same_hypotheses_and_leaves_random_numbers_alone(lo
     "ignore:.*does not have many workers", r"ignore:`isinstance\(treespec, LeafSpec\)` is deprecated:FutureWarning"
 )
 def test_some_steps_lessen_the_loss_and_the_checkpoint_has_the_refiner_alone(tmp_path):
-    given, module = batch(), build(rate=0.01)
+    sample, module = batch(), build(rate=0.01)
 
     def loss():
         with torch.no_grad():
-            made = module.eval()._drawn("mug", module._observed("mug", given["mug"]))
+            made = module.eval()._drawn("mug", module._observed("mug", sample["mug"]))
             value = sum(made.losses(module.refiner(made.observed, made.drawn)).values())
         module.train()
         return float(value)
@@ -184,7 +184,7 @@ def test_some_steps_lessen_the_loss_and_the_checkpoint_has_the_refiner_alone(tmp
         default_root_dir=tmp_path, max_epochs=25, accelerator="cpu", logger=False, enable_checkpointing=False,
         enable_progress_bar=False, enable_model_summary=False,
     )  # fmt: skip
-    one = DataLoader([given], batch_size=None)
+    one = DataLoader([sample], batch_size=None)
     trainer.fit(module, one, one)
     torch.manual_seed(3)
     assert loss() < before

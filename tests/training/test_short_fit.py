@@ -74,25 +74,25 @@ def test_a_conditional_vae_is_tested_by_every_fifth_view_and_by_its_reconstructi
     fitted = []
     monkeypatch.setattr(
         "kfit.training.conditional_vae.fitted_rotations",
-        lambda generator, encoder, seen: fitted.append(seen) or fitted_rotations(generator, encoder, seen),
+        lambda generator, encoder, observed: fitted.append(observed) or fitted_rotations(generator, encoder, observed),
     )
     drawn, azimuth, elevation = views(11)
-    given = {
+    inputs = {
         "source": drawn.image, "target": drawn.image, "target_mask": drawn.mask, "azimuth": azimuth,
         "elevation": elevation,
     }  # fmt: skip
     module = ConditionalVAE(ThreeSpots(), Blank(), ExtentsHead(2, 4), {"image": L1()})
     silent = dict.fromkeys(("logger", "enable_progress_bar", "enable_model_summary", "enable_checkpointing"), False)
     trainer = Trainer(accelerator="cpu", precision="bf16-mixed", default_root_dir=tmp_path, **silent)
-    (told,) = trainer.test(module, DataLoader([given], batch_size=None), verbose=False)
+    (figures,) = trainer.test(module, DataLoader([inputs], batch_size=None), verbose=False)
     torch.testing.assert_close(fitted[0].image, drawn.image[[0, 5, 10]])
-    assert set(told) == {
+    assert set(figures) == {
         f"test/{name}" for name in ("image", "l1", "ssim", "mask_iou", "rotation_deg", "within_10deg", "within_30deg")
     }
-    assert told["test/l1"] < 0.01
-    assert told["test/ssim"] > 0.99
-    assert told["test/rotation_deg"] < 5
-    assert told["test/within_10deg"] > 0.5
-    (validated,) = trainer.validate(module, DataLoader([given], batch_size=None), verbose=False)
+    assert figures["test/l1"] < 0.01
+    assert figures["test/ssim"] > 0.99
+    assert figures["test/rotation_deg"] < 5
+    assert figures["test/within_10deg"] > 0.5
+    (validated,) = trainer.validate(module, DataLoader([inputs], batch_size=None), verbose=False)
     assert set(validated) == {f"val/{name}" for name in ("image", "l1", "ssim", "mask_iou")}
     assert len(fitted) == 1

@@ -30,12 +30,17 @@ def test_two_nodes_train_one_model_and_write_one_log(tmp_path):
     for rank in (0, 1):
         place = tmp_path / f"node{rank}"  # each with a disk of its own
         place.mkdir()
-        told = {"MASTER_ADDR": "127.0.0.1", "MASTER_PORT": str(port), "NODE_RANK": str(rank), "LOCAL_RANK": "0"}
-        told |= {"WORLD_SIZE": "2", "GLOO_SOCKET_IFNAME": "lo"}
+        variables = {"MASTER_ADDR": "127.0.0.1", "MASTER_PORT": str(port), "NODE_RANK": str(rank), "LOCAL_RANK": "0"}
+        variables |= {"WORLD_SIZE": "2", "GLOO_SOCKET_IFNAME": "lo"}
         command = [sys.executable, "-m", "kfit", *words]
         nodes.append(
             subprocess.Popen(
-                command, cwd=place, env=os.environ | told, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+                command,
+                cwd=place,
+                env=os.environ | variables,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                text=True,
             )
         )
     ends = [node.communicate(timeout=600)[0] for node in nodes]

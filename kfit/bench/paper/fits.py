@@ -29,7 +29,7 @@ from kfit.pose.placement import placement
 
 # Views of which more than the errors is kept, for pictures.
 SHOWN = 5
-# Energies of the picture by name, and the weight of the code prior beside each: 0.02 where a fit of the bundled models
+# Energies of the picture by name, each with the weight of the code prior: 0.02 where a fit of the bundled models
 # leaves 0.23 (perceptual), and as much in proportion where it leaves 0.033 (L1), 0.005 (L2) and 0.064 (SSIM).
 ENERGIES: dict[str, tuple[Callable[[], Energy], float]] = {
     "perceptual": (lambda: Perceptual(EfficientNetLite0()), 0.02),
@@ -182,8 +182,8 @@ def path_of(results: list[FitResult], views: HeldOutViews, category: str) -> tup
         energy.append(result.history.energy[:, rows, won])
         angles = (result.history.values[name][:, rows, won].double() for name in ("azimuth", "elevation", "roll"))
         rotation.append(rotation_from_angles(*angles))
-    energies, turned = torch.cat(energy, 1), torch.cat(rotation, 1)
-    away = torch.stack([errors(row, views, category) for row in turned])
+    energies, rotations = torch.cat(energy, 1), torch.cat(rotation, 1)
+    away = torch.stack([errors(row, views, category) for row in rotations])
     return energies.nanmedian(1).values.tolist(), away.nanmedian(1).values.tolist()
 
 

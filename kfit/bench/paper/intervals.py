@@ -46,7 +46,7 @@ def difference(ours: NDArray[Any], others: NDArray[Any], limit: float) -> Interv
     return Interval(float(apart.mean()), float(low), float(high))
 
 
-def verdict(ours: NDArray[Any], others: NDArray[Any], limit: float, published: float) -> str:
+def agreement(ours: NDArray[Any], others: NDArray[Any], limit: float, published: float) -> str:
     """Compare an ordering that the paper prints with the measured one: "yes", "no", or "open" where noise hides it.
 
     A difference is outside the noise if its interval leaves out 0 and McNemar's exact test of the views in which the

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from kfit.bench.accuracy_page import circumstances
 from kfit.bench.paper import plots
 from kfit.bench.paper.drawings import l1_views
-from kfit.bench.paper.intervals import Interval, difference, share_below, verdict
+from kfit.bench.paper.intervals import Interval, agreement, difference, share_below
 from kfit.bench.paper.units import REFERENCE, ROBUST_VIEWS, STUDIED, TABLES, Measuring
 from kfit.bench.paper.variants import VARIANTS
 
@@ -165,7 +165,7 @@ def _compared(units: Units, table: str, category: str, unit: str) -> list[str]:
         return ["", ""]
     rows = units[category, unit]["rotation_deg"], units[category, reference]["rotation_deg"]
     printed = float(PUBLISHED[table, unit][1]) - float(PUBLISHED[table, reference][1])
-    return [_bracketed(difference(*rows, 10)), verdict(*rows, 10, printed)]
+    return [_bracketed(difference(*rows, 10)), agreement(*rows, 10, printed)]
 
 
 def _robustness_rows(units: Units, table: str) -> list[str]:

@@ -51,10 +51,10 @@ def iterations(found: Mapping[str, Arrays]) -> Figure:
         plot.plot(arrays["path_energy"], color=COLORS[0])
         plot.set(xlabel="step", title=category, xlim=(0, len(arrays["path_energy"]) - 1))
         plot.set_ylabel("energy", color=COLORS[0])
-        beside = plot.twinx()
-        beside.plot(arrays["path_rotation"], color=COLORS[1])
-        beside.set_ylabel("rotation error [°]", color=COLORS[1])
-        beside.set_ylim(bottom=0)
+        right = plot.twinx()
+        right.plot(arrays["path_rotation"], color=COLORS[1])
+        right.set_ylabel("rotation error [°]", color=COLORS[1])
+        right.set_ylim(bottom=0)
         _dress(plot)
     return figure
 

@@ -62,7 +62,7 @@ class Measuring:
         schedule: schedule of fits.
         views: views of that many unseen objects.
         seed: chooses them.
-        tell: called with the current task, and the numbers of finished and all views.
+        report: called with the current task, and the numbers of finished and all views.
         base: variant whose model crops the views for methods that draw nothing.
     """
 
@@ -70,7 +70,7 @@ class Measuring:
     schedule: Schedule
     views: int
     seed: int
-    tell: Callable[[str, int, int], None]
+    report: Callable[[str, int, int], None]
     base: str = "full"
 
     def measured(self, unit: str, category: str) -> Arrays:
@@ -102,7 +102,7 @@ class Measuring:
         if "generator" not in names:
             return arrays | self._read_out(variant, category, checkpoint, views).arrays()
         found = fits.by_fit(
-            model, views, self._pipeline(variant, model, how), self._teller(f"{category}, {variant} {how}")
+            model, views, self._pipeline(variant, model, how), self._reporter(f"{category}, {variant} {how}")
         )
         if not how:
             arrays["samples"] = (255 * drawings.prior_samples(model, SAMPLES, self.seed)).round().byte().numpy()
@@ -116,14 +116,14 @@ class Measuring:
         """Errors at each strength of each change, and of objects of the training."""
         arrays: Arrays = {}
         count = min(self.views, ROBUST_VIEWS)
-        unseen = held_out_views(model, count, self.seed)
+        held_out = held_out_views(model, count, self.seed)
         trained = held_out_views(model, count, self.seed, training=True)
         places = {"instances +0": trained}
         for kind, strength in fits.levels():
-            changed = changer(kind, strength)(unseen.observation)
-            places[f"{kind} {strength:+g}"] = replace(unseen, observation=changed)
+            changed = changer(kind, strength)(held_out.observation)
+            places[f"{kind} {strength:+g}"] = replace(held_out, observation=changed)
         for number, (name, views) in enumerate(places.items()):
-            self.tell(f"{category}, {variant}, {name}", number, len(places))
+            self.report(f"{category}, {variant}, {name}", number, len(places))
             if variant == "regressor":
                 found = self._read_out(variant, category, checkpoint, views)
             else:
@@ -159,8 +159,8 @@ class Measuring:
             pack(checkpoint, out)
         return load(str(out))
 
-    def _teller(self, what: str) -> Callable[[int], None]:
-        return lambda done: self.tell(what, done, self.views)
+    def _reporter(self, what: str) -> Callable[[int], None]:
+        return lambda done: self.report(what, done, self.views)
 
 
 def changer(kind: str, strength: float) -> Callable[[Observation], Observation]:

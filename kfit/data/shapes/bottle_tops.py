@@ -22,11 +22,11 @@ def build(rng: np.random.Generator, kind: str, neck: float, height: float, body:
     color = body if rng.random() < 0.15 else colors.any_color(rng, whites=0.45)
     tile = textures.solid(color)
     if kind == "cork":
-        lip = _turned([(neck, 0), (neck * 1.15, 0.01), (neck * 1.15, 0.09), (neck, 0.1)], height, textures.solid(body))
+        lip = _around([(neck, 0), (neck * 1.15, 0.01), (neck * 1.15, 0.09), (neck, 0.1)], height, textures.solid(body))
         foil = height * rng.uniform(0.1, 0.2)
-        sleeve = _turned([(neck * 1.06, -foil), (neck * 1.06, 0.0)], height, tile)
+        sleeve = _around([(neck * 1.06, -foil), (neck * 1.06, 0.0)], height, tile)
         stopper = rng.uniform(0.0, 0.12)
-        top = _turned([(neck * 0.85, 0.1), (neck * 0.85, 0.1 + stopper)], height, textures.solid(colors.earth(rng)))
+        top = _around([(neck * 0.85, 0.1), (neck * 0.85, 0.1 + stopper)], height, textures.solid(colors.earth(rng)))
         return [
             lip,
             sleeve,
@@ -37,7 +37,7 @@ def build(rng: np.random.Generator, kind: str, neck: float, height: float, body:
     if kind == "crown":
         wide = neck * rng.uniform(1.12, 1.25)
         return [
-            _turned([(wide, 0.0), (wide * 0.98, 0.05), (wide * 0.85, 0.1)], height, tile),
+            _around([(wide, 0.0), (wide * 0.98, 0.05), (wide * 0.85, 0.1)], height, tile),
             _lid(wide * 0.85, height + 0.1, tile),
         ]
     if kind in bottle_sprays.KINDS:
@@ -70,14 +70,14 @@ def build(rng: np.random.Generator, kind: str, neck: float, height: float, body:
         loop = [tube(path, [0.04, rng.uniform(0.05, 0.12)], plain, 10)]
     return [
         *loop,
-        _turned(side, height, tile),
-        _turned(bevel, height, plain),
+        _around(side, height, tile),
+        _around(bevel, height, plain),
         _lid(wide * taper - edge, height + high, plain),
         revolve(np.array([(neck * 0.5, height), (wide, height)]), plain, 40),
     ]
 
 
-def _turned(points: list[tuple[float, float]], height: float, texture: np.ndarray) -> Mesh:
+def _around(points: list[tuple[float, float]], height: float, texture: np.ndarray) -> Mesh:
     """A surface of revolution whose heights count from the neck's end."""
     return revolve(np.array(points) + np.array([0, height]), texture, 40)
 
@@ -94,7 +94,7 @@ def _mouth(neck: float, height: float, color: np.ndarray) -> list[Mesh]:
     inner = neck * 0.8
     inside = np.array([(inner, height), (inner, height - 0.2), (inner, height - 0.45)])
     return [
-        _turned(lip, height, tile),
+        _around(lip, height, tile),
         revolve(np.array([(neck, height), (inner, height)]), tile, 40),
         revolve(inside, dark, 40),
         _lid(inner, height - 0.45, dark),
@@ -123,8 +123,8 @@ def _spout(rng: np.random.Generator, neck: float, height: float, color: np.ndarr
             12,
         )
     return [
-        _turned([(collar, -0.02), (collar, low / 2), (collar * 0.95, low)], height, tile),
-        _turned([(collar * 0.95, low), (collar * 0.9, low + 0.001)], height, tile),
-        _turned([(float(r), float(y)) for r, y in cone], height, other),
+        _around([(collar, -0.02), (collar, low / 2), (collar * 0.95, low)], height, tile),
+        _around([(collar * 0.95, low), (collar * 0.9, low + 0.001)], height, tile),
+        _around([(float(r), float(y)) for r, y in cone], height, other),
         _lid(float(cone[-1, 0]), height + float(cone[-1, 1]), other),
     ]

@@ -21,7 +21,7 @@ class Form:
     """Ranges in body widths: height, depth, corner radius, the lens's radius over the height and length, its place.
 
     ``hump`` and ``grip`` are the chances of a prism or flash on top and of a grip, ``screen`` that of a display on the
-    back. ``corners`` says from where the outline's corners are rounded: "above" or "front".
+    back. ``corners`` names the side from which the outline's corners are rounded: "above" or "front".
     """
 
     height: tuple[float, float]

@@ -56,14 +56,14 @@ def lens(rng: np.random.Generator, radius: float, length: float, trim: np.ndarra
         else:
             skin = textures.solid(barrel if rng.random() < 0.75 else trim)
         parts.append(revolve(np.stack([np.full(5, reach), np.linspace(start, stop, 5)], axis=1), skin, 40))
-        following = radius * rng.uniform(0.78, 1.0)
-        step = np.array([(reach, stop), ((reach + following) / 2, stop + 1e-3), (following, stop + 2e-3)])
+        next_radius = radius * rng.uniform(0.78, 1.0)
+        step = np.array([(reach, stop), ((reach + next_radius) / 2, stop + 1e-3), (next_radius, stop + 2e-3)])
         parts.append(
             revolve(
                 step if stop < edges[-1] else step[:1].repeat(2, 0) - [[0, 1e-3], [0, 0]], textures.solid(barrel), 40
             )
         )
-        last, reach = reach, following
+        last, reach = reach, next_radius
     rim, glass, depth = last * rng.uniform(0.8, 0.92), last * rng.uniform(0.5, 0.75), min(0.06, length * 0.5)
     ring = textures.solid(barrel if rng.random() < 0.6 else trim)
     bell = np.stack([np.linspace(rim, glass, 6), np.linspace(length, length - depth, 6)], axis=1)

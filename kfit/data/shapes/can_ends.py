@@ -84,8 +84,8 @@ def _ring_pull(rng: np.random.Generator, radius: float, at: float, color: np.nda
         hole.transformed(shift(0, 0, -length * 0.2)),
         revolve(np.array([(1.0, 0.0), (1.0, 0.022)]), textures.solid(color * 0.7), section=outer),
     ]
-    turned = turn_y(rng.uniform(0, 2 * np.pi)) @ shift(0, 0, radius * 0.95 - length / 2)
-    return [part.transformed(shift(0, at, 0) @ turned) for part in parts]
+    placed = turn_y(rng.uniform(0, 2 * np.pi)) @ shift(0, 0, radius * 0.95 - length / 2)
+    return [part.transformed(shift(0, at, 0) @ placed) for part in parts]
 
 
 def _tab(rng: np.random.Generator, radius: float, at: float, color: np.ndarray) -> list[Mesh]:
@@ -109,8 +109,8 @@ def _tab(rng: np.random.Generator, radius: float, at: float, color: np.ndarray) 
     ground = textures.solid(color * (0.12 if opened else 0.85))
     line = plate(mouth * 1.1, 0.002, textures.solid(color * 0.6), num_rings=2)
     tab += [part.transformed(shift(0, 0, -radius * 0.55)) for part in (line, plate(mouth, 0.004, ground, num_rings=2))]
-    turned = shift(0, at, 0) @ turn_y(rng.uniform(0, 2 * np.pi))
-    return [part.transformed(turned) for part in tab]
+    placed = shift(0, at, 0) @ turn_y(rng.uniform(0, 2 * np.pi))
+    return [part.transformed(placed) for part in tab]
 
 
 def _opened(rng: np.random.Generator, radius: float, at: float, rim: float, tin: np.ndarray) -> list[Mesh]:

@@ -44,10 +44,10 @@ def _surface(rng: np.random.Generator) -> np.ndarray:
     picture = base + (edge - base) * share
     if kind < 0.6 and rng.random() < 0.45:  # foam
         foam = colors.hue(rng, 0.09, (0.05, 0.3), (0.75, 0.97))
-        spread = rng.uniform(0.35, 0.8)
+        width = rng.uniform(0.35, 0.8)
         angle = np.arctan2(*np.meshgrid(across, across))
         lobes = 1 + rng.uniform(0, 0.5) * np.cos(angle * rng.integers(1, 6) + rng.uniform(0, 6))
-        shape = distance / spread * lobes + 0.5 * (textures.cloud(rng, (_SIZE, _SIZE), 3) - 0.5)
+        shape = distance / width * lobes + 0.5 * (textures.cloud(rng, (_SIZE, _SIZE), 3) - 0.5)
         picture = picture + (foam - picture) * np.clip((1 - shape) * 6, 0, 1)[..., None]
     return as_texture(picture * (1 + 0.1 * (textures.cloud(rng, (_SIZE, _SIZE), 4)[..., None] - 0.5)))
 

@@ -133,6 +133,6 @@ def _hinge(rng: np.random.Generator, gap: float, thickness: float, frame: np.nda
     for start, stop in spans:
         wall = revolve(np.stack([np.full(12, radius), np.linspace(-stop, -start, 12)], axis=1), tile, 12)
         ends = [(np.linspace(0, radius, 3), -stop), (np.linspace(radius, 0, 3), -start)]
-        discs = [revolve(np.stack([spread, np.full(3, at)], axis=1), tile, 12) for spread, at in ends]
+        discs = [revolve(np.stack([radii, np.full(3, at)], axis=1), tile, 12) for radii, at in ends]
         parts += [part.transformed(lying) for part in (wall, *discs)]
     return parts

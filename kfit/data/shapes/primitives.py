@@ -39,7 +39,7 @@ def sheet(points: np.ndarray, texture: np.ndarray) -> Mesh:
             normals[row] = normals[other].mean(axis=0)
             lengths[row] = np.linalg.norm(normals[row], axis=1, keepdims=True)
     normals /= np.maximum(lengths, 1e-12)
-    u, v = np.meshgrid(_spread(points.transpose(1, 0, 2)), 1 - _spread(points))
+    u, v = np.meshgrid(_sides(points.transpose(1, 0, 2)), 1 - _sides(points))
     index = np.arange(rows * columns).reshape(rows, columns)
     a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]
     faces = np.concatenate([np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)])
@@ -52,7 +52,7 @@ def sheet(points: np.ndarray, texture: np.ndarray) -> Mesh:
     )
 
 
-def _spread(points: np.ndarray) -> np.ndarray:
+def _sides(points: np.ndarray) -> np.ndarray:
     """Places (P,) in [0, 1] of a grid's rows, by the mean distances between them, so that textures are not squeezed."""
     steps = np.linalg.norm(np.diff(points, axis=0), axis=2).mean(axis=1)
     place = np.concatenate([[0], np.cumsum(steps)])

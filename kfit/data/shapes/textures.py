@@ -140,6 +140,6 @@ def zigzag(rng: np.random.Generator, base: np.ndarray, size: tuple[int, int]) ->
 
 
 def choose(rng: np.random.Generator, families: dict[str, tuple[Family, float]]) -> Family:
-    """Draw a family by the weights beside them."""
+    """Draw a family at random, by the weights."""
     weights = np.array([weight for _, weight in families.values()])
     return list(families.values())[rng.choice(len(families), p=weights / weights.sum())][0]

@@ -1,4 +1,4 @@
-"""Models that are shared through the Hugging Face Hub or a folder."""
+"""The networks of one category with their card: on one device, and shared through the Hugging Face Hub or a folder."""
 
 from __future__ import annotations
 
@@ -6,26 +6,47 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Self
 
+import torch
 from torch import nn
 
+from kfit.core import Encoder, Generator
+from kfit.generators import ExtentsHead
+from kfit.geometry import PoseNetwork
 from kfit.pose.card import Card
 from kfit.pose.hub import find_model, save_folder, upload
 from kfit.pose.model_files import model_content, read_model
 
 
-class HubModel:
-    """Methods of `kfit.pose.CategoryModel` that share models.
+class CategoryNetworks:
+    """What `kfit.pose.CategoryModel` holds; its arguments are described there."""
 
-    Attributes:
-        card: card of the model.
-    """
+    def __init__(
+        self,
+        generator: Generator,
+        encoder: Encoder,
+        extents: ExtentsHead,
+        card: Card,
+        pose_head: PoseNetwork | None = None,
+    ) -> None:
+        self.generator, self.encoder, self.extents, self.card = generator, encoder, extents, card
+        self.pose_head = pose_head
 
-    card: Card
+    @property
+    def device(self) -> torch.device:
+        """Device of its networks."""
+        return next(self.encoder.parameters()).device
+
+    def to(self, device: str | torch.device) -> Self:
+        """Move its networks to a device, on which its fits then run; returns itself."""
+        for network in self.networks.values():
+            network.to(device)
+        return self
 
     @property
     def networks(self) -> dict[str, nn.Module]:
-        """The model's networks by their names in the card."""
-        raise NotImplementedError
+        """Its networks by their names in the card, as `kfit.models.write_model` takes them."""
+        networks = {"generator": self.generator, "encoder": self.encoder, "extents": self.extents}
+        return networks if self.pose_head is None else networks | {"pose_head": self.pose_head}
 
     @classmethod
     def from_pretrained(cls, name: str | Path, *, revision: str | None = None, offline: bool = False) -> Self:
@@ -51,7 +72,7 @@ class HubModel:
             ValueError: for a file that was damaged or replaced, or is no model.
         """
         networks, card = read_model(find_model(name, revision, offline))
-        return cls(**networks, card=card)  # type: ignore[call-arg]
+        return cls(**networks, card=card)  # type: ignore[arg-type]
 
     def push_to_hub(self, name: str | Path, *, private: bool = False) -> str:
         """Share the model: its file, the checksum of that, and a page about it.
