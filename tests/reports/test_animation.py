@@ -10,7 +10,7 @@ import torch
 from fitted import STEPS, fitted_mug
 from PIL import Image
 
-from kfit.reports.animation import RATE, REST, SIDE, animate
+from kfit.reports.animation import LAST_SECONDS, RATE, SIDE, animate
 from kfit.reports.fit_frames import fit_frames
 
 
@@ -50,7 +50,7 @@ def test_a_gif_has_a_frame_for_each_step_and_the_crop_in_all(tmp_path: Path) -> 
 
 def test_an_mp4_can_be_read_and_rests_at_its_end(tmp_path: Path) -> None:
     video = cv2.VideoCapture(str(animate(fitted_mug(), tmp_path / "fit.mp4")))
-    assert int(video.get(cv2.CAP_PROP_FRAME_COUNT)) == STEPS + RATE * REST
+    assert int(video.get(cv2.CAP_PROP_FRAME_COUNT)) == STEPS + RATE * LAST_SECONDS
     there, picture = video.read()
     assert there
     assert picture.shape[1] > 2 * SIDE
