@@ -61,7 +61,7 @@ def accuracy() -> None:
             share = number(rows[name][column])
             parts.append(bar(left + 33 * k, 240 - 1.75 * share, 30, 1.75 * share, color))
             parts.append(text(left + 33 * k + 15, 235 - 1.75 * share, f"{share:.0f}", size=12))
-    parts.append(text(WIDTH / 2, 284, "% of 200 answers a category", size=12))
+    parts.append(text(WIDTH / 2, 284, "% of 40 answers a category, hand-held views", size=12))
     save("summary_accuracy", 296, "Percentages of answers within 5, 10 and 30 degrees, by category", parts)
 
 
