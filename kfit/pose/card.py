@@ -28,7 +28,7 @@ LARGEST = 10_000_000
 
 @dataclass(frozen=True)
 class Card:
-    """Description of a model, stored as JSON in the metadata of its file; `dataclasses.replace` makes a changed one.
+    """Description of a model, stored as JSON in the metadata of its file; ``dataclasses.replace`` makes a changed one.
 
     Attributes:
         category: its name; `known` has all that the card holds of it.

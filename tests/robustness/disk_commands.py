@@ -38,7 +38,7 @@ from kfit.tracking import TrackedPose, Tracker
 Command = Callable[[], object]
 # In blocks: for what is done in a moment, and how much is made each time for what takes long.
 ROOMS = (0, 1, 2, 5, 12, *(30 * 3**k for k in range(9)))
-ROUNDS = {"views": 50, "training": 30, "data set": 3}
+ROUNDS = {"views": 50, "training": 33, "data set": 3}
 
 
 def write_results(folder: Path) -> None:
