@@ -97,7 +97,7 @@ def is_unexplained(card: Card, answer: PoseResult) -> bool:
 
 
 def smaller_targets(target: FoundObject) -> list[FoundObject]:
-    """Return the object with each of the parts that stick out of its mask left out, with a doubt about it."""
+    """Return the object with each of the parts that stick out of its mask left out, with a warning about it."""
     before, found = float((target.segment.mask > 0.5).sum()), []
     for mask in without_protrusions(target.segment.mask):
         share = 1 - float((mask > 0.5).sum()) / before
