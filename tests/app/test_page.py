@@ -90,7 +90,8 @@ def drawings(page):
 def contrast(visit, selector):
     """Ratio of luminances of an element's text and what is behind it (WCAG 2)."""
     return visit.locator(selector).first.evaluate(
-        """(element) => {
+        """async (element) => {
+        await Promise.all(element.getAnimations().map((one) => one.finished));  // colours change gradually
         const parse = (text) => (text.match(/[\\d.]+/g) || []).map(Number);
         const light = ([r, g, b]) => [r, g, b].map((v) => v / 255)
           .map((v) => (v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4))
