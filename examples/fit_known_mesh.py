@@ -26,7 +26,7 @@ from kfit.pose.object_finder import box_of
 from kfit.reports.picture_table import picture_table
 from kfit.segmentation import ObjectMask
 
-# What is seen: the mesh by an exact, lit renderer, in front of a photo.
+# The photo: the mesh by an exact, lit renderer, in front of a cup on a table.
 (mesh, light), camera = build("camera", 1_006_001, held_out=True), intrinsics_from_fov(300, 200)
 upright = rotation_from_angles(torch.tensor(2.2), torch.tensor(0.5), torch.tensor(0.0))
 truth, to_opencv, place = torch.eye(4), torch.tensor([1.0, -1.0, -1.0]), torch.tensor([0.9, -0.1, 2.8])

@@ -89,6 +89,10 @@ class Calibration:
         logit = self.bias + sum(c * features[name] for name, c in self.coefficients.items())
         return float(torch.tensor(logit, dtype=torch.float64).sigmoid())
 
+    def explains(self, energy: float) -> bool:
+        """Return whether an answer's energy is not above that of 99 % of the held-out views."""
+        return energy <= self.energy_99
+
     def covers(self, fit: FitResult) -> bool:
         """Return whether a fit was made like those of the calibration: starts, steps, survivors, terms and weights.
 
@@ -138,7 +142,7 @@ def confidence(
         features = evidence([replace(found[0], energy=colour_energy), *found[1:]], head_share)
         if set(colour_calibration.coefficients) <= set(features):
             probability = min(probability, colour_calibration.probability(features))
-        if colour_energy > colour_calibration.energy_99:
+        if not colour_calibration.explains(colour_energy):
             probability = min(probability, DOUBTFUL)
             warning += (
                 f"; the drawing explains the look of the picture poorly, and it is {100 * DOUBTFUL:.0f} % at most"
@@ -148,7 +152,7 @@ def confidence(
     if not calibration.covers(fit) or not set(calibration.coefficients) <= set(features):
         return found[0].weight, f"{UNCALIBRATED} for a fit in another way than the model's own: {share}"
     probability = calibration.probability(features)
-    if energy > calibration.energy_99:
+    if not calibration.explains(energy):
         return min(probability, DOUBTFUL), (
             f"the drawing explains the picture poorly: of {calibration.views} held-out views 99 % have an energy below "
             f"{calibration.energy_99:.2f}, this one has {energy:.2f}; the object may be unlike those of training, or "

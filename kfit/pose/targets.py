@@ -93,7 +93,7 @@ def with_score(result: PoseResult, target: FoundObject) -> PoseResult:
 def is_unexplained(card: Card, answer: PoseResult) -> bool:
     """Return whether an answer's energy is above that of 99 % of the views on which its model was calibrated."""
     known = card.calibration.get("RGB")
-    return known is not None and answer.calibrated and answer.energy > known.energy_99
+    return known is not None and answer.calibrated and not known.explains(answer.energy)
 
 
 def smaller_targets(target: FoundObject) -> list[FoundObject]:

@@ -38,4 +38,4 @@ def track_confidence(model: CategoryModel, ranked: FitResult, observation: Obser
     if calibration is None or not set(calibration.coefficients) <= set(features):
         return found[0].weight
     probability = calibration.probability(features)
-    return min(probability, DOUBTFUL) if found[0].energy > calibration.energy_99 else probability
+    return probability if calibration.explains(found[0].energy) else min(probability, DOUBTFUL)

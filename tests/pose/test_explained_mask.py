@@ -41,7 +41,7 @@ class Model:
 
     def __init__(self, whole: float, without: float) -> None:
         self.energies, self.calls = {True: whole, False: without}, []
-        self.card = SimpleNamespace(calibration={"RGB": SimpleNamespace(energy_99=1.0)})
+        self.card = SimpleNamespace(calibration={"RGB": SimpleNamespace(explains=lambda energy: energy <= 1.0)})
 
     def pose(self, photo: Photo, *, segmenter: FoundObject, callbacks: Any, **given: Any) -> Answer:
         has_bar = bool(segmenter.segment.mask[50, 90])
