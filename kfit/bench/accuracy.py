@@ -120,7 +120,7 @@ def run(args: Namespace) -> None:
         procedural = fits.procedural() if args.views else {}
         scans = fits.scans() if args.meshes else {}
         objects = fits.objects() if args.nocs else []
-    kind = f", {args.views_of} views" + (", with depth" if args.depth else "")
+    kind = _kind(args)
     sections = []
     if procedural:
         sections.append(views_section(f"Unseen procedural objects{kind}", procedural))
@@ -148,6 +148,11 @@ def run(args: Namespace) -> None:
             log.info("wrote %s", path)
 
 
+def _kind(args: Namespace) -> str:
+    """The kind of views, as tables and cards name it."""
+    return f", {args.views_of} views" + (", with depth" if args.depth else "")
+
+
 def _pipeline(args: Namespace, model: CategoryModel, depth: bool) -> FitPipeline:
     return model.pipeline(args.starts, args.steps, None if args.prune else (), depth)
 
@@ -160,7 +165,7 @@ def write_card(
 
     (model,) = models.values()
     schedule = {name: _schedule(args)[name] for name in ("starts", "steps", "pruned", "seed")}
-    kind = f", {args.views_of} views" + (", with depth" if args.depth else "")
+    kind = _kind(args)
     measured: dict[str, Any] = {}
     for found in procedural.values():
         measured[f"unseen procedural objects, held-out families{kind}"] = {**schedule, **found}
