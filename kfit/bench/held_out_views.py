@@ -13,7 +13,7 @@ from torch import Tensor
 
 from kfit.bench.view_cameras import ViewsOf, sample_view
 from kfit.core import FitResult, Observation
-from kfit.core.check import check_choice, check_count
+from kfit.core.arguments import check_arguments
 from kfit.data import Light, Mesh, build, render
 from kfit.data.rasterizer import View
 from kfit.fitting.pipeline import FitPipeline
@@ -70,9 +70,7 @@ def held_out_views(
 
     They are drawn by `views_of`. For comparison, ``training`` shows objects of training instead.
     """
-    check_count("held_out_views: num_views", num_views)
-    check_count("held_out_views: seed", seed, 0)
-    check_count("held_out_views: photo_size", photo_size, 8)
+    check_arguments(held_out_views, locals(), seed=(0,), photo_size=(8,))
     # Far from the seeds that training and its validation count up from 0.
     first = 0 if training else 1_000_000 + 1_000 * seed
     objects = (build(model.card.known, first + number, held_out=not training) for number in range(num_views))
@@ -102,7 +100,7 @@ def views_of(
         kind: how the objects are seen, see `kfit.bench.view_cameras.sample_view`.
         corruption: changes a photo before the object is cut out of it.
     """
-    check_choice("views_of: kind", kind, ("upright", "table", "any"))
+    check_arguments(views_of, locals(), seed=(0,))
     card = model.card
     pieces, crops, cameras, visible, places, photos, masks = [], [], [], [], [], [], []
     for number, (mesh, light) in enumerate(objects):

@@ -42,7 +42,7 @@ def check_arguments(owner: Callable[..., Any], values: Mapping[str, Any], **boun
 
 @functools.cache
 def _hints(owner: Callable[..., Any]) -> dict[str, Any]:
-    hints = typing.get_type_hints(owner.__init__ if isinstance(owner, type) else owner)
+    hints = typing.get_type_hints(owner.__init__ if isinstance(owner, type) else owner)  # type: ignore[misc]
     return {name: hint for name, hint in hints.items() if name != "return" and _is_plain(hint)}
 
 
@@ -82,10 +82,11 @@ def _check(name: str, value: Any, hint: Any, bounds: tuple[Any, ...]) -> None:
 
 
 def _meant(value: Any, hints: list[Any]) -> Any:
-    """The alternative that a value seems to be meant as: dicts and lists are told by their kind, else the first."""
+    """The alternative that a value seems to be meant as: dicts, lists and switches by their kind, else the first."""
     kind = Mapping if isinstance(value, Mapping) else Sequence if isinstance(value, list | tuple) else None
     for hint in hints:
         origin = get_origin(hint)
         if kind is not None and isinstance(origin, type) and issubclass(origin, kind):
             return hint
-    return hints[0]
+    others = [hint for hint in hints if hint is not bool]
+    return bool if bool in hints and (isinstance(value, bool) or not others) else others[0]

@@ -9,7 +9,7 @@ import torch
 from kornia.geometry.transform import warp_affine
 from torch import Tensor
 
-from kfit.core.check import check_count, check_range
+from kfit.core.arguments import check_arguments
 from kfit.geometry.crop import MARGIN
 
 
@@ -35,11 +35,7 @@ class RandomCrop:
     def __init__(
         self, size: int = 64, roll_deg: float = 10.0, shift: float = 0.04, scale: float = 1.1, hidden: float = 0.2
     ) -> None:
-        check_count("RandomCrop: size", size)
-        check_range("RandomCrop: roll_deg", roll_deg, 0, 180)
-        check_range("RandomCrop: shift", shift, 0, 0.5)
-        check_range("RandomCrop: scale", scale, 1, 2)
-        check_range("RandomCrop: hidden", hidden, 0, 1)
+        check_arguments(RandomCrop, locals(), roll_deg=(0, 180), shift=(0, 0.5), scale=(1, 2), hidden=(0, 1))
         self.size, self.roll, self.shift, self.scale = size, math.radians(roll_deg), shift, scale
         self.hidden = hidden
 

@@ -81,6 +81,7 @@ def test_its_pose_is_what_the_released_code_reports(packed: Path) -> None:
     np.testing.assert_allclose(result.rotation, expected, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_kfit_pose_fits_with_it(packed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     whole = kfit.pose.CategoryModel.pipeline
     monkeypatch.setattr(kfit.pose.CategoryModel, "pipeline", lambda self, **how: whole(self, 2, 2, **how))

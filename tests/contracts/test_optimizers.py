@@ -145,7 +145,11 @@ def test_every_shipped_optimizer_is_covered_here_and_exported():
 
 @pytest.mark.parametrize(("build", "steps"), built)
 class TestAnOptimizer:
-    @pytest.mark.parametrize("energy", PROBLEMS, ids=lambda energy: energy.__name__)
+    @pytest.mark.parametrize(
+        "energy",
+        [valley, spot, pytest.param(quadratic, marks=pytest.mark.slow), pytest.param(kink, marks=pytest.mark.slow)],
+        ids=lambda energy: energy.__name__,
+    )
     def test_meets_the_small_problems_from_every_start(self, build, steps, energy):
         if energy is kink and not isinstance(build(), FOR_KINKS):
             pytest.skip("needs slopes")
