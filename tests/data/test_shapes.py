@@ -18,7 +18,7 @@ EVERY = pytest.mark.parametrize("category", CATEGORIES)
 
 
 @EVERY
-@BOTH
+@pytest.mark.parametrize("held_out", [False, pytest.param(True, marks=pytest.mark.slow)], ids=["train", "held out"])
 def test_objects_are_finite_centred_and_of_unit_diagonal(category, held_out):
     for seed in range(4):
         mesh, _ = build(category, seed, held_out)
