@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import reprlib
+import sys
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from numbers import Integral, Real
 from os import PathLike
@@ -64,7 +65,7 @@ def check_range(name: str, value: Any, low: float = -math.inf, high: float = mat
     """
     _check_kind(name, value, Real, "a number")
     # not `isfinite`, which overflows on large whole numbers
-    if not (low <= value <= high and -math.inf < value < math.inf):
+    if not (low <= value <= high and abs(value) <= sys.float_info.max):
         beyond = "be finite" if low == -math.inf else f"be finite and at least {low:g}"
         wanted = beyond if high == math.inf else f"lie between {low:g} and {high:g}"
         raise ValueError(f"{name} must {wanted}, got {_shown(value)}")
@@ -78,7 +79,7 @@ def check_positive(name: str, value: Any) -> None:
         ValueError: if it is not above 0, infinite or NaN.
     """
     _check_kind(name, value, Real, "a number")
-    if not 0 < value < math.inf:
+    if not 0 < value <= sys.float_info.max:
         raise ValueError(f"{name} must be above 0 and finite, got {_shown(value)}")
 
 

@@ -137,7 +137,7 @@ def pose_view(
     check_arguments(pose_view, locals(), distance=(1, 1e6), unit_fraction=(0.1, 10))
     return render(
         mesh,
-        standard_pose(elevation, azimuth, distance),
+        standard_pose(float(elevation), float(azimuth), distance),
         standard_intrinsics(image_size, distance, unit_fraction),
         (image_size, image_size),
         light,

@@ -62,7 +62,7 @@ def energy_weights(energy: Tensor, temperature: float = TEMPERATURE) -> Tensor:
     """
     check_arguments(energy_weights, locals(), temperature=(check_positive,))
     best = energy.min()
-    return torch.softmax(-(energy - best) / (temperature * best.abs() + 1e-9), 0)
+    return torch.softmax(-(energy - best) / (float(temperature) * best.abs() + 1e-9), 0)
 
 
 def rotation_sigma_deg(rotation: Tensor, weight: Tensor, centre: Tensor, symmetry: Symmetry = "none") -> Tensor:
