@@ -15,6 +15,7 @@ from kfit.bench.view_cameras import ViewsOf, sample_view
 from kfit.core import FitResult, Observation
 from kfit.core.check import check_choice, check_count
 from kfit.data import Light, Mesh, build, render
+from kfit.data.drawn_objects import SEED_STRIDE
 from kfit.data.rasterizer import View
 from kfit.fitting.pipeline import FitPipeline
 from kfit.geometry import Crop, observed, rotation_error, rotation_from_angles
@@ -61,21 +62,21 @@ def held_out_views(
     num_views: int,
     seed: int = 0,
     photo_size: int = 256,
-    training: bool = False,
+    training_seed: int | None = None,
     on_view: Callable[[int], None] = lambda done: None,
     kind: ViewsOf = "upright",
     corruption: Callable[[View, np.random.Generator], View] | None = None,
 ) -> HeldOutViews:
     """Draw one view each of ``num_views`` objects of seeds and of shape and texture families held out of training.
 
-    They are drawn by `views_of`. For comparison, ``training`` shows objects of training instead.
+    They are drawn by `views_of`. For comparison, ``training_seed`` shows objects of a training of that seed instead.
     """
     check_count("held_out_views: num_views", num_views)
     check_count("held_out_views: seed", seed, 0)
     check_count("held_out_views: photo_size", photo_size, 8)
-    # Far from the seeds that training and its validation count up from 0.
-    first = 0 if training else 1_000_000 + 1_000 * seed
-    objects = (build(model.card.known, first + number, held_out=not training) for number in range(num_views))
+    # Far from the seeds that validation counts up from 0.
+    first = 1_000_000 + 1_000 * seed if training_seed is None else training_seed * SEED_STRIDE
+    objects = (build(model.card.known, first + number, training_seed is None) for number in range(num_views))
     return views_of(model, objects, seed, photo_size, on_view, kind, corruption)
 
 
