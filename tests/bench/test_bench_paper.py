@@ -89,7 +89,7 @@ def test_rows_that_are_not_measured_yet_are_dashes_and_have_no_figures(how):
     assert text.count(f"| compact VAE3D, code of 16 |{' – |' * 14}") == 2
     assert "Not measured yet." in text
     assert "iterations.png" not in text
-    assert "2 seeds" in text
+    assert "for each of 2 seeds" in text
 
 
 def test_backbones_stand_beside_their_arithmetic(how):
@@ -112,9 +112,9 @@ def test_the_regressor_starts_from_imagenet_where_its_file_is_given(how):
     assert words[words.index("--model.init_args.weights") + 1] == "vgg16.pth"
     assert "--model.init_args.weights" not in how.training.command("regressor", "laptop")
     inputs = replace(how, training=replace(how.training, vgg16="vgg16.pth"))
-    found = made_up(["2a"], ["laptop"])
-    assert "the VGG16 regressor from ImageNet's weights" in page(found, ["2a"], ["laptop"], inputs, "kfit")
-    assert "the VGG16 regressor from random weights" in page(found, ["2a"], ["laptop"], how, "kfit")
+    found = made_up(["curves"], ["laptop"])
+    assert "regressor** is trained from ImageNet's weights" in page(found, ["curves"], ["laptop"], inputs, "kfit")
+    assert "regressor** is trained from random weights" in page(found, ["curves"], ["laptop"], how, "kfit")
 
 
 def test_a_file_of_weights_that_is_not_there_is_named(tmp_path, capsys):
@@ -313,12 +313,12 @@ def test_an_interrupted_run_leaves_its_page_and_measures_only_the_rest(measured,
         main(words)
     page = (tmp_path / "out" / "README.md").read_text()
     assert "| compact VAE2D (w/o 3D) | 0.0600" in page
-    assert "1 seed," in page
+    assert "objects of seed 0" in page
     main(words)
     assert len(asked) == 3 + 1 + 3
     assert len(set(asked)) == 7
     page = (tmp_path / "out" / "README.md").read_text()
-    assert "2 seeds," in page
+    assert "for each of 2 seeds" in page
     assert "row 3 of 3" in capsys.readouterr().err
 
 

@@ -53,6 +53,7 @@ def _settings(tables: list[str], how: Measuring, command: str, seeds: int) -> li
     made = circumstances(command, {})
     objects, fitted = l1_views(how.views)
     begun = "ImageNet's weights" if trained.vgg16 else "random weights"
+    counted = f"of seed {how.seed}" if seeds == 1 else f"and a training of its own for each of {seeds} seeds"
     machine, versions = made["machine"], made["versions"]
     lines = [
         f"Made by `{command}` on {machine['processor']} ({machine['threads']} threads of {machine['cores']} cores), "
@@ -60,9 +61,8 @@ def _settings(tables: list[str], how: Measuring, command: str, seeds: int) -> li
         "",
         f"- **Trainings**: each variant on the same {trained.objects} procedural objects, {trained.steps} steps "
         f"({32 * trained.steps:,} pairs of views).",
-        f"- **Views**: one each of {how.views} objects of shape and texture families held out of training, "
-        f"{seeds} seed{'s' * (seeds > 1)}, cut out by their true masks. Symmetric classes, and mugs whose handle is "
-        "hidden, are measured by their axis. With one object a picture and no detector, AP at a threshold is the share "
+        f"- **Views**: {how.views} objects {counted}, one view each, of shape and texture families held out of "
+        "training, cut out by their true masks. Symmetric classes, and mugs whose handle is hidden, are measured by their axis. With one object a picture and no detector, AP at a threshold is the share "
         "of views below it, in %.",
     ]
     if any(not table.startswith("paper_") for table in tables):
