@@ -63,7 +63,7 @@ def _settings(tables: list[str], how: Measuring, command: str, seeds: int) -> li
         f"({32 * trained.steps:,} pairs of views).",
         f"- **Views**: {how.views} objects {counted}, one view each, of shape and texture families held out of "
         "training, cut out by their true masks. Symmetric classes, and mugs whose handle is hidden, are measured by "
-        "their axis. With one object a picture and no detector, AP at a threshold is the share of views below it, in %.",
+        "their axis. With one object a picture and no detector, AP at a threshold is the share of views below it in %.",
     ]
     if any(not table.startswith("paper_") for table in tables):
         lines.append(
