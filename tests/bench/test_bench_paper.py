@@ -267,7 +267,7 @@ def test_pictures_from_the_prior_are_as_many_as_asked_for():
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["--tables", "[1c]"], "--tables: unknown 1c; known are 1a, 1b, 2a, backbone, curves, robustness, paper_1a"),
+        (["--tables", "[1c]"], "--tables: unknown 1c; known are 1a, paper_1a, 2a, paper_2a, 1b, paper_1b, curves"),
         (["--categories", "[cup]"], "--categories: unknown cup; known are"),
         (["--train-steps", "100"], "--train-steps must be a multiple of 6, got 100"),
         (["--starts", "1"], "--starts must be at least 2, got 1"),
