@@ -70,7 +70,7 @@ class RefinerTraining(Training):
         check_choice("compile", compile, (False, True))
         self.remember(inspect.currentframe())
         self.refiner, self.rate, self.weight_decay, self.compiles = refiner, rate, weight_decay, compile
-        self.crop, self.recolor = crop or RandomCrop(), recolor or RandomRecolor()
+        self.crop, self.recolor = crop or RandomCrop(covered=0.0), recolor or RandomRecolor()
         self.photometric, self.repeats = photometric, repeats
         self._networks, self._loaded = networks, dict[str, tuple[Generator, Encoder]]()
         self._memory, self._walking = RefinerMemory(memory), dict[str, Hypotheses]()
