@@ -171,8 +171,9 @@ def _write(
     how: Measuring,
 ) -> list[Path]:
     """Write the page about the rows that are measured, and its figures."""
+    from kfit.bench.paper.figures import figures
     from kfit.bench.paper.intervals import pooled
-    from kfit.bench.paper.page import figures, page
+    from kfit.bench.paper.page import page
     from kfit.runtime.atomic_write import atomic_write
 
     measured = {(category, unit) for seed, category, unit in rows if seed == 0}
