@@ -82,7 +82,7 @@ def _settings(tables: list[str], how: Measuring, command: str, seeds: int) -> li
     return [
         *lines,
         "- **Paper**: its numbers are those of REAL275, beside the rows that are nearest to them.",
-        "- **L1**: of a view drawn by the code of another view, over "
+        "- **L1**: of a view from four diagonals away drawn by the code of another view, over "
         f"{10 * objects:,} views of held-out families, then of families that training showed, as the paper's test "
         f"objects are; then of {fitted} views of held-out families, each drawn by the code that fits it best.",
         "- **Brackets**: 95 % intervals over the views; Wilson's of shares, a paired bootstrap's of differences. They "
