@@ -28,6 +28,8 @@ from kfit.pose.result import PoseResult
 
 # A mug "shows its handle" when the handle covers this share of the mask; else NOCS lets it turn freely.
 HANDLE_SHARE = 0.02
+# Changes a photo before the object is cut out of it.
+Corruption = Callable[[View, np.random.Generator], View]
 # A rotation error under which an answer is right where it is asked whether kfit knows that it is.
 RIGHT_DEG = 20.0
 
@@ -65,7 +67,7 @@ def held_out_views(
     training_seed: int | None = None,
     on_view: Callable[[int], None] = lambda done: None,
     kind: ViewsOf = "upright",
-    corruption: Callable[[View, np.random.Generator], View] | None = None,
+    corruption: Corruption | None = None,
 ) -> HeldOutViews:
     """Draw one view each of ``num_views`` objects of seeds and of shape and texture families held out of training.
 
@@ -87,7 +89,7 @@ def views_of(
     photo_size: int = 256,
     on_view: Callable[[int], None] = lambda done: None,
     kind: ViewsOf = "upright",
-    corruption: Callable[[View, np.random.Generator], View] | None = None,
+    corruption: Corruption | None = None,
 ) -> HeldOutViews:
     """Draw one view each of normalised objects in NOCS's frame.
 
