@@ -20,6 +20,7 @@ from kfit.app.line import Line
 from kfit.app.session import Session
 from kfit.app.sessions import Sessions
 from kfit.app.watched import Drawn
+from kfit.geometry import CATEGORIES
 from kfit.pose import PoseResult
 from kfit.reports.scene import scene, scene_html
 
@@ -41,6 +42,8 @@ class Actions:
 
     def __init__(self, parts: Layout, sessions: Sessions) -> None:
         self.parts, self.sessions, self.line = parts, sessions, Line()
+        own = " or ".join(name for name in sessions.models if name not in CATEGORIES)
+        self.found = FOUND + (f" For {own}, <b>choose it first</b>: kfit finds only its own categories." if own else "")
         # Gradio tells a page that was closed by another name than the visit's.
         self.pages: dict[str, str] = {}
 
@@ -68,7 +71,7 @@ class Actions:
         if not re.fullmatch(r"[0-9a-f]{32}", token or ""):
             token = request.session_hash or ""
         self.pages[request.session_hash or ""] = token
-        return {self.parts.token: token, **self._shown(self.sessions.of(token), FOUND)}
+        return {self.parts.token: token, **self._shown(self.sessions.of(token), self.found)}
 
     def leave(self, request: gr.Request) -> None:
         """Forget a visit soon whose page was closed, unless another page, such as the reloaded one, goes on with it."""
@@ -82,8 +85,8 @@ class Actions:
         try:
             session.take(Path(file))
         except Exception as error:
-            return {**self._shown(session, FOUND), self.parts.photo_problem: views.problem(sentence_of(error))}
-        return self._shown(session, FOUND if session.targets else BOX if session.mask is None else MASKED)
+            return {**self._shown(session, self.found), self.parts.photo_problem: views.problem(sentence_of(error))}
+        return self._shown(session, self.found if session.targets else BOX if session.mask is None else MASKED)
 
     def take_example(self, token: str, event: gr.EventData) -> Changes:
         """Take an example."""
@@ -100,7 +103,7 @@ class Actions:
         """Take another of the objects that were found."""
         session = self.sessions.of(token)
         session.choose(number)
-        return {**self._masked(session, FOUND), self.parts.found: number}
+        return {**self._masked(session, self.found), self.parts.found: number}
 
     def tap(self, token: str, event: gr.EventData) -> Changes:
         """The same, by a tap on it."""

@@ -29,6 +29,8 @@ LEARN = ("train", "val")
 PARTS: dict[str | None, tuple[str, ...]] = {"validate": ("val",), "test": ("test",)}
 # Far from the seeds that people give, so that no other run has trained or been chosen by these objects.
 TEST_SEED = 1_000_000
+# Distances of views, in box diagonals, unless a recipe asks for others.
+DISTANCES = (1.3, 8.0)
 
 
 def _as_fetched(batch: Any) -> Any:
@@ -78,7 +80,7 @@ class ViewsDataModule(LightningDataModule):
         meshes: str | list[str] | None = None,
         views: str | None = None,
         num_val_objects: int = 40,
-        distance_range: tuple[float, float] = (1.3, 8.0),
+        distance_range: tuple[float, float] = DISTANCES,
         seed: int = 0,
     ) -> None:
         super().__init__()
@@ -190,7 +192,10 @@ class ViewsDataModule(LightningDataModule):
             source = (files[::10] if held_out else [f for i, f in enumerate(files) if i % 10]) or files
             name = _common_name(files)
         count = self.num_val_objects if held_out else self.num_objects
-        file = f"{name}_{part}_{count}x{self.num_views}_{self.image_size}px_seed{self.seed}.h5"
+        # Trainings of one category with other distances keep files of their own.
+        low, high = self.distance_range
+        far = "" if (low, high) == DISTANCES else f"_distance{low:g}to{high:g}"
+        file = f"{name}_{part}_{count}x{self.num_views}_{self.image_size}px{far}_seed{self.seed}.h5"
         return build_views(
             Path(self.cache_dir) / file,
             source,

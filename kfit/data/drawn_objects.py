@@ -20,7 +20,7 @@ from kfit.geometry import Category
 from kfit.runtime.devices import cores, on_one_core
 
 # Objects of one seed are numbered from seed · this, so different seeds share no object.
-_SEED_STRIDE = 1 << 24
+SEED_STRIDE = 1 << 24
 # Pictures to draw from which on other processes help: they take a second or two to start.
 _MANY = 1000
 
@@ -77,7 +77,7 @@ def in_order(objects: DrawnObjects) -> DataLoader[Any]:
 
 def _object(source: str | Category | Sequence[MeshFile], seed: int, index: int, held_out: bool) -> tuple[Mesh, Light]:
     if isinstance(source, str | Category):
-        return shapes.build(source, seed * _SEED_STRIDE + index, held_out)
+        return shapes.build(source, seed * SEED_STRIDE + index, held_out)
     light = Light.random(np.random.default_rng([seed, index, int(held_out), 2]))
     file = source[index % len(source)]
     return _from_file(file, file.path.stat().st_mtime_ns), light

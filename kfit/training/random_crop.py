@@ -11,10 +11,11 @@ from torch import Tensor
 
 from kfit.core.arguments import check_arguments
 from kfit.geometry.crop import MARGIN
+from kfit.training.random_corruption import occluded
 
 
 class RandomCrop:
-    """Rotate views at random, hide a side of some, and crop them by the box of the visible part.
+    """Rotate views at random, hide a part of some, and crop them by the box of the visible part.
 
     A view of a generator shows the object upright, with its box's centre in the middle and a fixed scale. The crop of a
     photo is framed by the mask's box (`kfit.geometry.Crop.around`), and hand-held cameras and lying objects are rolled.
@@ -27,17 +28,26 @@ class RandomCrop:
         scale: largest factor on the crop's side; factors are log-uniform between its inverse and itself.
         hidden: probability that a side of the object is hidden, up to 0.4 of its extent, as by a picture's border or
             by another object.
+        covered: probability that something in front hides up to 0.4 of the object, anywhere.
 
     Raises:
         ValueError: if an argument is out of range.
     """
 
     def __init__(
-        self, size: int = 64, roll_deg: float = 10.0, shift: float = 0.04, scale: float = 1.1, hidden: float = 0.2
+        self,
+        size: int = 64,
+        roll_deg: float = 10.0,
+        shift: float = 0.04,
+        scale: float = 1.1,
+        hidden: float = 0.2,
+        covered: float = 0.25,
     ) -> None:
-        check_arguments(RandomCrop, locals(), roll_deg=(0, 180), shift=(0, 0.5), scale=(1, 2), hidden=(0, 1))
+        check_arguments(
+            RandomCrop, locals(), roll_deg=(0, 180), shift=(0, 0.5), scale=(1, 2), hidden=(0, 1), covered=(0, 1)
+        )
         self.size, self.roll, self.shift, self.scale = size, math.radians(roll_deg), shift, scale
-        self.hidden = hidden
+        self.hidden, self.covered = hidden, covered
 
     def __call__(self, image: Tensor, mask: Tensor) -> tuple[Tensor, Tensor]:
         """Crop pictures (N, 3, S, S) on white by their masks (N, 1, S, S).
@@ -49,7 +59,7 @@ class RandomCrop:
         return crop.cut(image, self.size), crop.roll
 
     def draw(self, image: Tensor, mask: Tensor) -> tuple[Tensor, Tensor, RolledCrop]:
-        """Hide sides of pictures (N, 3, S, S) and masks (N, 1, S, S), and choose the crops of what is left."""
+        """Hide parts of pictures (N, 3, S, S) and masks (N, 1, S, S), and choose the crops of what is left."""
         rows = image.new_zeros(len(image))
         near = self.roll * torch.randn_like(rows)
         roll = torch.where(torch.rand_like(rows) < 0.5, near, math.pi * (2 * torch.rand_like(rows) - 1))
@@ -60,6 +70,11 @@ class RandomCrop:
 
     def _hide(self, image: Tensor, mask: Tensor) -> tuple[Tensor, Tensor]:
         rows = image.new_zeros(len(image))
+        chosen = torch.rand_like(rows) < self.covered
+        if chosen.any():
+            shown = occluded(image[chosen], mask[chosen], 0.4 * torch.rand_like(rows[chosen]))
+            image, mask = image.clone(), mask.clone()
+            image[chosen], mask[chosen] = shown
         angle = 2 * math.pi * torch.rand_like(rows)
         share = 0.4 * torch.rand_like(rows) * (torch.rand_like(rows) < self.hidden)
         x, y = _pixels(mask)

@@ -29,16 +29,16 @@ LOGIT_WEIGHT = 2.0
 class RefinerTraining(Training):
     """Trains one refiner for all categories on drawings by frozen generators.
 
-    Each step shows views of new objects, cut out, hidden in parts and augmented as photos, with drawings of them at
-    wrong poses with codes from the encoders; as many of the last step's objects at the poses to which the refiner has
-    led them; and rows of earlier steps again, half of them mirrored. Batches are those of
-    `kfit.data.CategoriesDataModule`; their targets are used. See ``kfit.training.refiner_rows.RefinerRows.losses``.
+    Each step shows views of new objects, cut out and hidden in parts, with drawings of them at wrong poses with codes
+    from the encoders; as many of the last step's objects at the poses to which the refiner has led them; and rows of
+    earlier steps again, half of them mirrored. Batches are those of `kfit.data.CategoriesDataModule`; their targets are
+    used. See ``kfit.training.refiner_rows.RefinerRows.losses``.
 
     Args:
         refiner: the network.
         networks: name of a category → its generator and encoder.
         crop: turns views in the plane and cuts them out.
-        photometric: augmentation that makes views look like cut-outs of photos.
+        photometric: augmentation that makes views resemble crops of photos; None leaves them clean.
         recolor: augmentation of the colours of photo and drawing together.
         rate: largest learning rate of AdamW; it rises over the first twentieth of the steps and falls as a cosine.
         weight_decay: weight decay of AdamW.
@@ -67,8 +67,8 @@ class RefinerTraining(Training):
         check_arguments(RefinerTraining, locals(), rate=(check_positive,), weight_decay=(0,), repeats=(0,))
         self.remember(inspect.currentframe())
         self.refiner, self.rate, self.weight_decay, self.compiles = refiner, rate, weight_decay, compile
-        self.crop, self.recolor = crop or RandomCrop(), recolor or RandomRecolor()
-        self.photometric, self.repeats = photometric or PhotometricAugmentation(), repeats
+        self.crop, self.recolor = crop or RandomCrop(covered=0.0), recolor or RandomRecolor()
+        self.photometric, self.repeats = photometric, repeats
         self._networks, self._loaded = networks, dict[str, tuple[Generator, Encoder]]()
         self._memory, self._walking = RefinerMemory(memory), dict[str, Hypotheses]()
 
@@ -126,7 +126,8 @@ class RefinerTraining(Training):
         image, mask = views["target"], views["target_mask"]
         # Half precision is too coarse for rotations and the places of pixels.
         with torch.autocast(self.device.type, enabled=False):
-            image, mask = self.photometric.with_mask(image, mask)
+            if self.photometric is not None:
+                image, mask = self.photometric.with_mask(image, mask)
             even = torch.rand(3, len(image), device=image.device)
             # What becomes white where something hides the object is a picture of what hides it.
             image, mask = occluded(torch.cat([image, 0 * mask], 1), mask, LARGEST_HIDDEN * even[0] * (even[1] < HIDDEN))

@@ -2,12 +2,15 @@
 
 import json
 import runpy
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from tiny_model import TINY
 
+from kfit.app.actions import FOUND, Actions
 from kfit.app.session import Session
+from kfit.app.sessions import Sessions
 from kfit.cli.main import main
 from kfit.geometry import Category
 from kfit.models import write_model
@@ -51,6 +54,14 @@ def test_the_file_alone_answers_and_the_downloads_repeat_the_answer(visit, uploa
     assert words == f"kfit pose pot.png --model {visit.models['teapot']} --mask mask.png"
     main([*words.split()[1:], "--out", "again"])
     assert np.allclose(json.loads((visit.folder / "again" / "pose.json").read_text())["rotation"], answer["rotation"])
+
+
+def test_a_visitor_reads_that_own_categories_are_not_found_automatically(tmp_path):
+    def hint(*categories):
+        return Actions(SimpleNamespace(), Sessions(tmp_path, dict.fromkeys(categories, "a.safetensors"))).found
+
+    assert "For teapot or vase, <b>choose it first</b>" in hint("mug", "teapot", "vase")
+    assert hint("mug") == hint() == FOUND
 
 
 def test_two_models_of_one_category_are_refused(teapot, capsys):

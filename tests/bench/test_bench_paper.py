@@ -1,4 +1,5 @@
 import math
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,7 +15,10 @@ from kfit.bench.paper.page import PUBLISHED, figures, page
 from kfit.bench.paper.units import STUDIED, TABLES, Measuring, changer
 from kfit.cli.main import main
 from kfit.core import History, Observation
+from kfit.data import build_views
+from kfit.data.shapes import build as shapes_build
 from kfit.generators import VAE3D
+from kfit.geometry import CATEGORIES
 from kfit.models import load
 
 RECIPES = Path(__file__).parents[2] / "recipes"
@@ -23,7 +27,7 @@ RECIPES = Path(__file__).parents[2] / "recipes"
 @pytest.fixture
 def how(tmp_path):
     training = variants.Training(12, 4, RECIPES, tmp_path / "cache", tmp_path / "runs")
-    return Measuring(training, fits.Schedule(4, 2), 2, 0, lambda what, done, total: None)
+    return Measuring(training, fits.Schedule(4, 2), fits.Schedule(2, 1), 2, 0, lambda what, done, total: None)
 
 
 def made_up(tables, categories):
@@ -53,8 +57,8 @@ def made_up(tables, categories):
                             "l1": np.array([0.06, 0.05, 0.04]),
                             "multiply_adds": np.array(0.45e9),
                             "samples": rng.integers(0, 255, (3, 3, 16, 16), dtype=np.uint8),
-                            "path_energy": np.linspace(1, 0.2, 5),
-                            "path_rotation": np.linspace(40, 5, 5),
+                            "path_energy": np.linspace([1] * 4, 0.2, 5).T,
+                            "path_rotation": np.linspace([40] * 4, 5, 5).T,
                         }
                 found[category, unit] = arrays
     return found
@@ -67,9 +71,11 @@ def test_the_page_shows_every_row_with_failures_as_the_worst(how):
     rows = [line for line in text.splitlines() if line.startswith("| compact VAE2D (w/o 3D)")]
     assert rows == 2 * [
         "| compact VAE2D (w/o 3D) | 0.0600 | 0.0500 | 0.0400 | 28.5° | 25 [5, 70] | 50 [15, 85] | 50 [15, 85] "
-        "| 75 [30, 95] | 3.0 cm | 0.109 | 1.8 | 90.2 | 0 [0, 0] | open |"
+        "| 75 [30, 95] | 3.0 cm | 0 [0, 0] | within the noise | 0.109 | 1.8 | 90.2 |"
     ]
     assert "`kfit bench paper --views 4`" in text
+    assert "2 starts of 1 steps (the paper: 32 of 50)" in text
+    assert "- **32 within the noise**" in text
     drawn = figures(found, list(TABLES), categories)
     assert {f"{name}.png" for name in drawn} == {part.split("(")[1][:-1] for part in text.split() if "png)" in part}
     for figure in drawn.values():
@@ -83,7 +89,7 @@ def test_rows_that_are_not_measured_yet_are_dashes_and_have_no_figures(how):
     assert text.count(f"| compact VAE3D, code of 16 |{' – |' * 14}") == 2
     assert "Not measured yet." in text
     assert "iterations.png" not in text
-    assert "2 seeds" in text
+    assert "for each of 2 seeds" in text
 
 
 def test_backbones_stand_beside_their_arithmetic(how):
@@ -106,9 +112,9 @@ def test_the_regressor_starts_from_imagenet_where_its_file_is_given(how):
     assert words[words.index("--model.init_args.weights") + 1] == "vgg16.pth"
     assert "--model.init_args.weights" not in how.training.command("regressor", "laptop")
     inputs = replace(how, training=replace(how.training, vgg16="vgg16.pth"))
-    found = made_up(["2a"], ["laptop"])
-    assert "the VGG16 regressor from ImageNet's weights" in page(found, ["2a"], ["laptop"], inputs, "kfit")
-    assert "the VGG16 regressor from random weights" in page(found, ["2a"], ["laptop"], how, "kfit")
+    found = made_up(["curves"], ["laptop"])
+    assert "regressor** is trained from ImageNet's weights" in page(found, ["curves"], ["laptop"], inputs, "kfit")
+    assert "regressor** is trained from random weights" in page(found, ["curves"], ["laptop"], how, "kfit")
 
 
 def test_a_file_of_weights_that_is_not_there_is_named(tmp_path, capsys):
@@ -174,13 +180,15 @@ def test_a_unit_is_measured_once_for_the_same_settings(how, monkeypatch, tmp_pat
     checkpoint.write_bytes(b"")
     (how.training.runs / "mug").mkdir(parents=True)
     monkeypatch.setattr(variants.Training, "trained", lambda *_: checkpoint)
-    calls = []
-    monkeypatch.setattr(Measuring, "_measure", lambda self, *asked: calls.append(asked) or {"rotation_deg": np.ones(2)})
-    for _ in range(2):
-        assert how.measured("full+l1", "mug")["rotation_deg"].tolist() == [1, 1]
-    assert len(calls) == 1
-    Measuring(how.training, fits.Schedule(8, 2), 2, 0, how.report).measured("full+l1", "mug")
-    assert len(calls) == 2
+    monkeypatch.setattr(variants.Training, "checkpoint", lambda *_: checkpoint)
+    monkeypatch.setattr(Measuring, "_measure", lambda self, *asked: {"rotation_deg": np.ones(2)})
+    assert how.saved("full+l1", "mug") is None
+    how.measured("full+l1", "mug")
+    assert how.saved("full+l1", "mug")["rotation_deg"].tolist() == [1, 1]
+    assert replace(how, schedule=fits.Schedule(8, 2)).saved("full+l1", "mug") is None
+    assert replace(how, published=fits.Schedule(8, 2)).saved("full+l1", "mug") is not None
+    os.utime(checkpoint, (0, 0))  # trained anew
+    assert how.saved("full+l1", "mug") is None
 
 
 @pytest.mark.slow
@@ -200,7 +208,7 @@ def test_a_fit_of_each_energy_runs_and_its_path_is_reported(energy):
     views = held_out_views(model, 1, 3)
     found = fits.by_fit(model, views, fits.paper_fit(model, fits.Schedule(2, 1), energy), lambda done: None)
     energies, rotations = fits.path_of(found.results, views, "laptop")
-    assert len(energies) == len(rotations) > 1
+    assert energies.shape == rotations.shape == (1, 2)
     assert found.arrays()["drawing"].shape == (1, 3, 64, 64)
     assert found.arrays()["box_size"].shape == (1, 3)
 
@@ -218,8 +226,8 @@ def test_a_path_is_that_of_the_start_which_won():
         )
 
     energies, rotations = fits.path_of([Result()], views, "laptop")
-    assert energies == [3, 2]
-    assert len(rotations) == 2
+    assert energies.tolist() == [[3, 2]]
+    assert rotations.shape == (1, 2)
 
 
 def test_a_hidden_handle_is_evaluated_by_the_axis():
@@ -240,6 +248,21 @@ def test_no_change_leaves_views_as_they_are_and_more_changes_more(kind):
     assert away[0] < 1e-6 < away[1] < away[2]
 
 
+def test_objects_of_a_training_are_those_of_its_seed(tmp_path, monkeypatch):
+    built = []
+
+    def build(category, number, held_out=False):
+        built.append((number, held_out))
+        return shapes_build(category, number, held_out)
+
+    monkeypatch.setattr("kfit.bench.held_out_views.build", build)
+    monkeypatch.setattr("kfit.data.drawn_objects.shapes.build", build)
+    held_out_views(load("can"), 1, training_seed=2)
+    build_views(tmp_path / "views.h5", "can", 1, 1, 16, seed=2)
+    assert built[0] == built[1]
+    assert built[0][1] is False
+
+
 def test_pictures_from_the_prior_are_as_many_as_asked_for():
     assert drawings.prior_samples(load("laptop"), 3, 0).shape == (3, 3, 64, 64)
 
@@ -247,7 +270,7 @@ def test_pictures_from_the_prior_are_as_many_as_asked_for():
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["--tables", "[1c]"], "--tables: unknown 1c; known are 1a, 1b, 2a, backbone, curves, robustness, paper_1a"),
+        (["--tables", "[1c]"], "--tables: unknown 1c; known are 1a, paper_1a, 2a, paper_2a, 1b, paper_1b, curves"),
         (["--categories", "[cup]"], "--categories: unknown cup; known are"),
         (["--train-steps", "100"], "--train-steps must be a multiple of 6, got 100"),
         (["--starts", "1"], "--starts must be at least 2, got 1"),
@@ -264,6 +287,67 @@ def test_mistakes_get_a_sentence(words, message, capsys, tmp_path):
 def test_the_command_on_the_page_says_only_what_differs():
     args = bench_paper.parser().parse_args(["--categories", "[laptop]", "--views", "20", "--out", "elsewhere"])
     assert bench_paper._command(args) == "kfit bench paper --categories '[laptop]' --views 20"
+
+
+@pytest.fixture
+def measured(monkeypatch, tmp_path):
+    """Rows that are measured, one after the other; the fourth of the first run fails."""
+    saved, asked = {}, []
+
+    def measure(self, unit, category):
+        if len(asked) == 3:
+            asked.append("failed")
+            raise RuntimeError("training failed")
+        asked.append((self.training.seed, category, unit))
+        saved[asked[-1]] = made_up([table for table in TABLES if unit in TABLES[table]], [category])[category, unit]
+        return saved[asked[-1]]
+
+    monkeypatch.setattr(Measuring, "measured", measure)
+    monkeypatch.setattr(
+        Measuring, "saved", lambda self, unit, category: saved.get((self.training.seed, category, unit))
+    )
+    words = ["--tables", "[1a]", "--categories", "[can]", "--seeds", "2", "--out", str(tmp_path / "out")]
+    return ["bench", "paper", *words, "--runs", str(tmp_path / "runs"), "--cache", str(tmp_path / "cache")], asked
+
+
+def test_an_interrupted_run_leaves_its_page_and_measures_only_the_rest(measured, tmp_path, capsys):
+    words, asked = measured
+    with pytest.raises(SystemExit):
+        main(words)
+    page = (tmp_path / "out" / "README.md").read_text()
+    assert "| compact VAE2D (w/o 3D) | 0.0600" in page
+    assert "objects of seed 0" in page
+    main(words)
+    assert len(asked) == 3 + 1 + 3
+    assert len(set(asked)) == 7
+    page = (tmp_path / "out" / "README.md").read_text()
+    assert "for each of 2 seeds" in page
+    assert "row 3 of 3" in capsys.readouterr().err
+
+
+def test_a_run_out_of_time_writes_what_was_measured_before(measured, tmp_path, capsys):
+    words, asked = measured
+    with pytest.raises(SystemExit):
+        main(words)
+    main([*words, "--hours", "1e-9"])
+    assert len(asked) == 4
+    assert "3 rows are left; the same command goes on" in capsys.readouterr().err
+    assert (tmp_path / "out" / "iterations.png").is_file()
+
+
+def test_all_tables_and_categories_are_the_default(monkeypatch, tmp_path, capsys):
+    asked = set()
+    monkeypatch.setattr(Measuring, "saved", lambda self, unit, category: asked.add((unit, category)))
+    weights = tmp_path / "vgg16.pth"
+    weights.write_bytes(b"")
+    words = ["bench", "paper", "--hours", "1e-9", "--out", str(tmp_path / "out")]
+    for vgg16, tables in (([], [t for t in TABLES if not t.startswith("paper_")]), (["--vgg16", str(weights)], TABLES)):
+        asked.clear()
+        with pytest.raises(SystemExit):
+            main([*words, *vgg16])
+        assert "left no time for a row" in capsys.readouterr().err
+        assert {category for _, category in asked} == set(CATEGORIES)
+        assert {unit for unit, _ in asked} == {unit for table in tables for unit in TABLES[table]}
 
 
 def test_levels_start_with_nothing():

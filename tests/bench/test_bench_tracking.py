@@ -22,12 +22,13 @@ def test_it_prints_a_row_for_each_way_and_writes_the_page(tmp_path: Path, capsys
 
 
 def test_means_are_over_categories() -> None:
-    def clip(errors: list[float], seconds: float) -> dict[str, dict[str, object]]:
-        return {"true masks": {"errors": errors, "seconds": [seconds] * len(errors), "anew": 1}}
+    def clip(errors: list[float], seconds: float, sure: list[bool]) -> dict[str, dict[str, object]]:
+        return {"true masks": {"errors": errors, "seconds": [seconds] * len(errors), "sure": sure, "anew": 1}}
 
-    table = section({"mug": [clip([2.0, 4.0, 40.0], 0.1)], "can": [clip([2.0], 0.05)]})
-    assert table.rows[0] == ["mug", "true masks", "4.0°", "67 %", "67 %", "10.0", "10.0", "1"]
-    assert table.rows[-1] == ["mean", "true masks", "3.0°", "83 %", "83 %", "15.0", "15.0", "1"]
+    mug = clip([2.0, 4.0, 40.0, 50.0], 0.1, [True, False, True, False])
+    table = section({"mug": [mug], "can": [clip([2.0], 0.05, [True])]})
+    assert table.rows[0] == ["mug", "true masks", "22.0°", "50 %", "50 %", "25 %", "10.0", "10.0", "1"]
+    assert table.rows[-1] == ["mean", "true masks", "12.0°", "75 %", "75 %", "12 %", "15.0", "15.0", "1"]
 
 
 @pytest.mark.parametrize("word", ["clips", "frames", "every"])

@@ -41,18 +41,18 @@ def test_a_failure_is_below_no_threshold():
 
 
 def test_an_ordering_counts_outside_the_noise_alone():
-    assert agreement(*rows(2, 12, 30), 10, -4.2) == "yes"
-    assert agreement(*rows(12, 2, 30), 10, -4.2) == "no"
-    assert agreement(*rows(3, 5, 30), 10, -4.2) == "open"
-    assert agreement(*rows(2, 12, 30), 10, 0.0) == "open"
-    assert agreement(*rows(0, 0, 30), 10, -4.2) == "open"
+    assert agreement(*rows(2, 12, 30), 10, -4.2) == "reproduced"
+    assert agreement(*rows(12, 2, 30), 10, -4.2) == "contradicted"
+    assert agreement(*rows(3, 5, 30), 10, -4.2) == "within the noise"
+    assert agreement(*rows(2, 12, 30), 10, 0.0) == "within the noise"
+    assert agreement(*rows(0, 0, 30), 10, -4.2) == "within the noise"
 
 
 def test_a_few_views_prove_nothing_although_a_bootstrap_of_them_leaves_out_zero():
     few = rows(4, 0, 16)
     assert difference(*few, 10).low > 0
-    assert agreement(*few, 10, 4.2) == "open"  # McNemar's exact test: p = 2 * 0.5**4 = 0.125
-    assert agreement(*rows(6, 0, 14), 10, 4.2) == "yes"  # p = 2 * 0.5**6 = 0.031
+    assert agreement(*few, 10, 4.2) == "within the noise"  # McNemar's exact test: p = 2 * 0.5**4 = 0.125
+    assert agreement(*rows(6, 0, 14), 10, 4.2) == "reproduced"  # p = 2 * 0.5**6 = 0.031
 
 
 def test_rows_of_different_views_are_not_compared():

@@ -131,9 +131,13 @@ def test_test_shows_others_of_the_held_out_families(cache):
     assert not torch.equal(module.val_pairs.images, module.test_pairs.images)
 
 
-def test_the_range_of_distances_is_passed_on(tmp_path):
+def test_the_range_of_distances_is_passed_on_and_replaces_no_views_of_others(tmp_path, caplog):
+    others = ViewsDataModule("can", cache_dir=str(tmp_path), **SMALL)
     module = ViewsDataModule("can", cache_dir=str(tmp_path), distance_range=(4.0, 4.0), **SMALL)
-    assert (Views(module._build("val")).distances == 4).all()
+    for _ in range(2):
+        assert (Views(module._build("val")).distances == 4).all()
+        assert (Views(others._build("val")).distances != 4).all()
+    assert "built anew" not in caplog.text
 
 
 @pytest.mark.parametrize(("does", "rendered"), [("fit", "train val"), ("validate", "val"), ("test", "test")])

@@ -55,7 +55,7 @@ def learned(monkeypatch):
 
 
 def test_sources_and_targets_are_cropped_and_learned_with_their_rolls(logged, learned):
-    module, sample = build(crop=RandomCrop(SIDE, shift=0.0, scale=1.0, hidden=0.0)), batch()
+    module, sample = build(crop=RandomCrop(SIDE, shift=0.0, scale=1.0, hidden=0.0, covered=0.0)), batch()
     loss = module.training_step(sample, 0)
     ((image, azimuth, elevation, roll),) = learned
     views, masks = (torch.cat([sample[f"source{part}"], sample[f"target{part}"]]) for part in ("", "_mask"))

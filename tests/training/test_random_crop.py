@@ -51,11 +51,21 @@ def test_half_of_the_rolls_are_near_zero_and_the_others_anywhere():
 def test_a_share_of_the_objects_has_a_side_hidden():
     torch.manual_seed(0)
     image, mask = (part.expand(400, -1, -1, -1) for part in bar())
-    crop = RandomCrop(hidden=0.5)
+    crop = RandomCrop(hidden=0.5, covered=0.0)
     kept = crop._hide(image, mask)[1].sum((1, 2, 3)) / mask.sum((1, 2, 3))
     assert float((kept < 1).double().mean()) == pytest.approx(0.45, abs=0.1)
     assert kept.min() > 0.5
-    assert torch.equal(RandomCrop(hidden=0.0)._hide(image, mask)[1], mask)
+    assert torch.equal(RandomCrop(hidden=0.0, covered=0.0)._hide(image, mask)[1], mask)
+
+
+def test_a_share_of_the_objects_has_something_in_front():
+    torch.manual_seed(0)
+    image, mask = (part.expand(400, -1, -1, -1) for part in bar())
+    shown, visible = RandomCrop(hidden=0.0, covered=0.5)._hide(image, mask)
+    kept = visible.sum((1, 2, 3)) / mask.sum((1, 2, 3))
+    assert float((kept < 1).double().mean()) == pytest.approx(0.5, abs=0.08)
+    assert kept.min() > 0.55
+    assert shown[(visible < mask).expand_as(shown)].eq(1).all()
 
 
 def test_an_empty_mask_gives_a_finite_crop():
@@ -63,7 +73,7 @@ def test_an_empty_mask_gives_a_finite_crop():
     assert crop_rolled(image, 0 * mask, torch.zeros(1), 16).isfinite().all()
 
 
-@pytest.mark.parametrize("settings", [{"size": 0}, {"shift": 0.6}, {"scale": 0.5}, {"hidden": 2.0}])
+@pytest.mark.parametrize("settings", [{"size": 0}, {"shift": 0.6}, {"scale": 0.5}, {"hidden": 2.0}, {"covered": -0.1}])
 def test_a_setting_out_of_range_is_an_error(settings):
     with pytest.raises(ValueError, match=f"RandomCrop: {next(iter(settings))}"):
         RandomCrop(**settings)

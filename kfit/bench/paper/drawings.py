@@ -17,6 +17,10 @@ from kfit.training.view_lens import view_lens
 # Most objects, of ten views each, on which reconstruction is measured, of either kind; most views that codes are
 # fitted to.
 L1_OBJECTS, L1_FITTED = 100, 50
+# Distance of these views in box diagonals: VAE2D and VAE3D draw from no other.
+DISTANCE = (4.0, 4.0)
+# No training has this seed, so all objects are new.
+L1_SEED = 2_000_000
 
 
 def l1_views(num_views: int) -> tuple[int, int]:
@@ -41,8 +45,14 @@ def novel_view_l1(model: CategoryModel, cache: Path, num_views: int) -> list[flo
         num_views: see `l1_views`.
     """
     objects, fitted = l1_views(num_views)
-    # Another seed than training's, whose objects are therefore all new.
-    data = ViewsDataModule(model.card.category, objects, num_val_objects=objects, cache_dir=str(cache), seed=1)
+    data = ViewsDataModule(
+        model.card.category,
+        objects,
+        num_val_objects=objects,
+        cache_dir=str(cache),
+        distance_range=DISTANCE,
+        seed=L1_SEED,
+    )
     data.prepare_data()
     data.setup()
     held_out, known = data.val_pairs, data.train_pairs

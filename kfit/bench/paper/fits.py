@@ -29,6 +29,8 @@ from kfit.pose.placement import placement
 
 # Views of which more than the errors is kept, for pictures.
 SHOWN = 5
+# Rows that are fitted at once: the paper's generator needs some 30 MB a row.
+ROWS = 160
 # Energies of the picture by name, each with the weight of the code prior: 0.02 where a fit of the bundled models
 # leaves 0.23 (perceptual), and as much in proportion where it leaves 0.033 (L1), 0.005 (L2) and 0.064 (SSIM).
 ENERGIES: dict[str, tuple[Callable[[], Energy], float]] = {
@@ -44,14 +46,15 @@ class Schedule:
     """How much work a fit is.
 
     Attributes:
-        starts: a view, on an even grid of azimuths and elevations.
-        steps: numbers of steps of Adam; three eighths of the starts go on after step 3, an eighth after step 10.
+        starts: number of starts a view, on an even grid of azimuths and elevations.
+        steps: number of steps of Adam.
     """
 
     starts: int
     steps: int
 
     def pruning(self) -> list[Pruning]:
+        """Keep three eighths of the starts after step 3, an eighth after step 10, and at least two."""
         return [Pruning({3: max(2, 3 * self.starts // 8), 10: max(2, self.starts // 8)})]  # type: ignore[list-item]
 
 
@@ -122,7 +125,8 @@ def kfit_fit(model: CategoryModel, schedule: Schedule, depth: bool = False) -> F
 
 def by_fit(model: CategoryModel, views: HeldOutViews, pipeline: FitPipeline, on_batch: Callable[[int], None]) -> Found:
     """Fit all views."""
-    _, results = rotation_errors(model, views, pipeline, on_batch=on_batch)
+    batch = max(1, ROWS // pipeline.num_starts)
+    _, results = rotation_errors(model, views, pipeline, batch, on_batch)
     angles = [torch.cat([r.values[name] for r in results]).double() for name in ("azimuth", "elevation", "roll")]
     away = errors(rotation_from_angles(*angles), views, model.card.category)
     shifts = 100 * translation_errors(model, views, results)
@@ -174,17 +178,16 @@ def errors(rotation: Tensor, views: HeldOutViews, category: str) -> Tensor:
     return torch.where(views.visible, full, rotation_error(rotation, views.rotation, "y")).rad2deg()
 
 
-def path_of(results: list[FitResult], views: HeldOutViews, category: str) -> tuple[list[float], list[float]]:
-    """Medians over the views, at each step, of the winning start's energy and rotation error."""
+def path_of(results: list[FitResult], views: HeldOutViews, category: str) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Energies and rotation errors in degrees (N, steps) of each view's winning start, at each step."""
     energy, rotation = [], []
     for result in results:
         rows, won = torch.arange(len(result.start)), result.start.clamp(min=0)
         energy.append(result.history.energy[:, rows, won])
         angles = (result.history.values[name][:, rows, won].double() for name in ("azimuth", "elevation", "roll"))
         rotation.append(rotation_from_angles(*angles))
-    energies, rotations = torch.cat(energy, 1), torch.cat(rotation, 1)
-    away = torch.stack([errors(row, views, category) for row in rotations])
-    return energies.nanmedian(1).values.tolist(), away.nanmedian(1).values.tolist()
+    away = torch.stack([errors(row, views, category) for row in torch.cat(rotation, 1)])
+    return torch.cat(energy, 1).T.numpy(), away.T.numpy()
 
 
 def levels() -> Iterator[tuple[str, float]]:

@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from kfit.bench.paper.intervals import mean_of, share_below
 from kfit.geometry import EDGES, box_corners, project
 
 Arrays = Mapping[str, NDArray[Any]]
@@ -20,7 +21,8 @@ COLORS = ("#4477aa", "#ee6677", "#228833", "#ccbb44", "#66ccee", "#aa3377")  # P
 def curves(found: Mapping[str, Mapping[str, Arrays]], what: str, label: str, limit: float) -> Figure:
     """Average precision over thresholds: a plot a category, a curve a method.
 
-    With one view of one object a picture and no detector, AP at a threshold is the share of views below it.
+    With one view of one object a picture and no detector, AP at a threshold is the share of views below it. Bands are
+    Wilson's 95 % intervals.
 
     Args:
         found: by category and the method's title.
@@ -29,12 +31,13 @@ def curves(found: Mapping[str, Mapping[str, Arrays]], what: str, label: str, lim
         limit: largest threshold.
     """
     figure = Figure(figsize=(max(5.2, 4.2 * len(found) + 0.4), 4.2), layout="constrained")
-    thresholds = np.linspace(0, limit, 241)
+    thresholds = np.linspace(0, limit, 121)
     for plot, (category, methods) in zip(figure.subplots(1, len(found), squeeze=False)[0], found.items(), strict=True):
         for index, (title, arrays) in enumerate(methods.items()):
             if what in arrays:
-                shares = (arrays[what][:, None] < thresholds).mean(0)  # NaN, a failure, is below nothing
-                plot.plot(thresholds, 100 * shares, color=COLORS[index % 6], label=title, lw=1.6)
+                shares = np.array([share_below(arrays[what], threshold) for threshold in thresholds]).T
+                plot.plot(thresholds, shares[0], color=COLORS[index % 6], label=title, lw=1.6)
+                plot.fill_between(thresholds, *shares[1:], color=COLORS[index % 6], alpha=0.12, lw=0)
         plot.set(xlabel=label, ylabel="average precision [%]", xlim=(0, limit), ylim=(-2, 102), title=category)
         _dress(plot)
     handles, labels = figure.axes[0].get_legend_handles_labels()
@@ -45,22 +48,28 @@ def curves(found: Mapping[str, Mapping[str, Arrays]], what: str, label: str, lim
 
 
 def iterations(found: Mapping[str, Arrays]) -> Figure:
-    """Median energy and rotation error of the starts that won, over the steps."""
+    """Median energy and rotation error of the starts that won, over the steps, with the middle half of the views."""
     figure = Figure(figsize=(4.4 * len(found), 3.2), layout="constrained")
     for plot, (category, arrays) in zip(figure.subplots(1, len(found), squeeze=False)[0], found.items(), strict=True):
-        plot.plot(arrays["path_energy"], color=COLORS[0])
-        plot.set(xlabel="step", title=category, xlim=(0, len(arrays["path_energy"]) - 1))
-        plot.set_ylabel("energy", color=COLORS[0])
         right = plot.twinx()
-        right.plot(arrays["path_rotation"], color=COLORS[1])
-        right.set_ylabel("rotation error [°]", color=COLORS[1])
-        right.set_ylim(bottom=0)
+        for axes, name, label, color in (
+            (plot, "path_energy", "energy", COLORS[0]),
+            (right, "path_rotation", "rotation error [°]", COLORS[1]),
+        ):
+            low, median, high = np.nanquantile(arrays[name], (0.25, 0.5, 0.75), axis=0)
+            axes.plot(median, color=color, lw=1.6)
+            axes.fill_between(np.arange(len(median)), low, high, color=color, alpha=0.15, lw=0)
+            axes.set_ylabel(label, color=color)
+            axes.set_ylim(bottom=0)
+        plot.set(xlabel="step", title=category, xlim=(0, arrays["path_energy"].shape[1] - 1))
         _dress(plot)
     return figure
 
 
 def robustness(found: Mapping[str, Mapping[str, tuple[Sequence[float], NDArray[Any]]]], limits: Arrays) -> Figure:
-    """Mean rotation error over how far pictures are changed, a plot a change; shaded is what the regressor trained on.
+    """Mean rotation error over how far pictures are changed, a plot a change.
+
+    Bands are a bootstrap's 95 % intervals; shaded grey is what the regressor was trained on.
 
     Args:
         found: by change and the method's title: strengths, and errors (L, N) at each.
@@ -70,11 +79,11 @@ def robustness(found: Mapping[str, Mapping[str, tuple[Sequence[float], NDArray[A
     for plot, (change, methods) in zip(figure.subplots(1, len(found), squeeze=False)[0], found.items(), strict=True):
         plot.axvspan(*(100 * limits[change]), color="0.92", lw=0)
         for index, (title, (strengths, errors)) in enumerate(methods.items()):
-            mean = np.nan_to_num(errors, nan=180.0).mean(1)
             order = np.argsort(strengths)
-            plot.plot(
-                100 * np.array(strengths)[order], mean[order], "o-", color=COLORS[index], label=title, lw=1.6, ms=4
-            )
+            percent, wrong = 100 * np.array(strengths)[order], np.nan_to_num(errors, nan=180.0)[order]
+            mean, low, high = np.array([mean_of(one) for one in wrong]).T
+            plot.plot(percent, mean, "o-", color=COLORS[index], label=title, lw=1.6, ms=4)
+            plot.fill_between(percent, low, high, color=COLORS[index], alpha=0.15, lw=0)
         plot.set(xlabel=f"{change} [%]", ylabel="mean rotation error [°]")
         plot.set_ylim(bottom=0)
         _dress(plot)

@@ -1,4 +1,4 @@
-"""The paper's own fit: VGG16's features, a prior of weight 1, 32 starts and 50 steps (Chen et al. 2020, section 4)."""
+"""The paper's own fit: VGG16's features and a prior of weight 1 (Chen et al. 2020, section 4)."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from kfit import FitPipeline
+from kfit.bench.paper.fits import Schedule
 from kfit.core import Energy, Initializer, Prior
 from kfit.energies import L1, L2, SSIM, CodePrior, Depth, Perceptual
 from kfit.features import VGG16
@@ -16,12 +17,11 @@ from kfit.pose import CategoryModel
 from kfit.pose.defaults import DISTANCE_RATE
 from kfit.selectors import RotationVote
 
-STARTS, STEPS = 32, 50
 RATES = {"code": 0.3, "azimuth": 0.03, "elevation": 0.01, "roll": 0.01, "shift": 0.03, "scale": 0.03}
 ENERGIES: dict[str, Callable[[], Energy]] = {"l1": L1, "l2": L2, "ssim": SSIM}
 
 
-def published_fit(model: CategoryModel, vgg16: str, how: str = "") -> FitPipeline:
+def published_fit(model: CategoryModel, vgg16: str, schedule: Schedule, how: str = "") -> FitPipeline:
     """Put the paper's fit together: E = features of VGG16, relu3_3, + 1 · code prior, by Adam at the released rates.
 
     Nothing is pruned, and of the five best starts the one wins that most of them agree with, as in the released code
@@ -30,6 +30,7 @@ def published_fit(model: CategoryModel, vgg16: str, how: str = "") -> FitPipelin
     Args:
         model: a `kfit.generators.VAE3D`.
         vgg16: file of VGG16's ImageNet weights.
+        schedule: the paper's has 32 starts and 50 steps.
         how: "" for the method itself; "l1", "l2" or "ssim" for another energy; "no_prior"; "depth"; "robustness" where
             pictures are not cut out around their objects, so that drawings start where the mask is.
     """
@@ -59,6 +60,6 @@ def published_fit(model: CategoryModel, vgg16: str, how: str = "") -> FitPipelin
         starts,
         Adam(rates, (0.5, 0.999)),
         selector=RotationVote(symmetry=model.card.known.symmetry),
-        num_starts=STARTS,
-        num_steps=STEPS,
+        num_starts=schedule.starts,
+        num_steps=schedule.steps,
     )

@@ -18,7 +18,7 @@ from kfit.bench.held_out_views import HeldOutViews, held_out_views
 from kfit.bench.paper import drawings, fits
 from kfit.bench.paper.fits import Schedule
 from kfit.bench.paper.published import published_fit
-from kfit.bench.paper.variants import VARIANTS, Training
+from kfit.bench.paper.variants import VARIANTS, Training, is_published
 from kfit.core import Observation
 from kfit.geometry import PoseNetwork
 from kfit.models import load, read_checkpoint
@@ -31,18 +31,18 @@ Arrays = dict[str, NDArray[Any]]
 # A unit is a variant, or a variant and how it is fitted.
 TABLES = {
     "1a": ("without_3d", "without_vae", "full"),
-    "1b": ("code_4", "full", "code_128"),
-    "2a": ("full+l1", "full+l2", "full+ssim", "full+no_prior", "full", "full+kfit"),
-    "backbone": ("full", "field", "full+kfit", "field+kfit"),
-    "curves": ("full", "field+kfit", "field+depth", "regressor", "coordinates", "pose_head"),
-    "robustness": ("full+robustness", "regressor+robustness"),
     "paper_1a": ("paper_without_3d", "paper_without_vae", "paper"),
-    "paper_1b": ("paper_code_4", "paper", "paper_code_128"),
+    "2a": ("full+l1", "full+l2", "full+ssim", "full+no_prior", "full", "full+kfit"),
     "paper_2a": ("paper+l1", "paper+l2", "paper+ssim", "paper+no_prior", "paper"),
+    "1b": ("code_4", "full", "code_128"),
+    "paper_1b": ("paper_code_4", "paper", "paper_code_128"),
+    "curves": ("full", "field+kfit", "field+depth", "regressor", "coordinates", "pose_head"),
     "paper_curves": ("paper", "paper_depth+depth", "regressor", "coordinates", "pose_head"),
+    "robustness": ("full+robustness", "regressor+robustness"),
     "paper_robustness": ("paper+robustness", "regressor+robustness"),
+    "backbone": ("full", "field", "full+kfit", "field+kfit"),
 }
-"""Units by table, those of the paper's own configuration last."""
+"""Units by table, the most important first; those of the paper's own configuration have names with ``paper_``."""
 # The row that the others of a table are compared with.
 REFERENCE = {
     **dict.fromkeys(("1a", "1b", "2a", "backbone"), "full"),
@@ -59,7 +59,8 @@ class Measuring:
 
     Attributes:
         training: training settings of the variants.
-        schedule: schedule of fits.
+        schedule: schedule of kfit's fits.
+        published: schedule of the fits in the paper's configuration.
         views: views of that many unseen objects.
         seed: chooses them.
         report: called with the current task, and the numbers of finished and all views.
@@ -68,25 +69,47 @@ class Measuring:
 
     training: Training
     schedule: Schedule
+    published: Schedule
     views: int
     seed: int
     report: Callable[[str, int, int], None]
     base: str = "full"
 
+    def saved(self, unit: str, category: str) -> Arrays | None:
+        """A unit's arrays if they were measured before in the same way.
+
+        Raises:
+            ValueError: if the variant was trained with other settings.
+        """
+        variant = unit.partition("+")[0]
+        checkpoint, path = self.training.checkpoint(variant, category), self._file(unit, category)
+        if checkpoint is None or not path.is_file():
+            return None
+        self.training.check(variant, category)
+        with np.load(path) as file:
+            return dict(file) if str(file["settings"]) == self._settings(variant, checkpoint) else None
+
     def measured(self, unit: str, category: str) -> Arrays:
-        """A unit's arrays: from its file where it was measured before in the same way, else measured now."""
+        """Train a unit's variant unless it is trained, measure the unit, and write its file."""
         variant, _, how = unit.partition("+")
-        checkpoint = self.training.trained(variant, category)
-        asked = {"views": self.views, "seed": self.seed, "steps": self.training.steps, **asdict(self.schedule)}
-        asked["trained"] = checkpoint.stat().st_mtime_ns
-        path = self.training.place(category) / f"{unit}.npz"
-        if path.is_file():
-            with np.load(path) as file:
-                if str(file["settings"]) == json.dumps(asked):
-                    return dict(file)
-        arrays = self._measure(variant, how, category, checkpoint) | {"settings": np.array(json.dumps(asked))}
+        self.report(f"{category}, training {VARIANTS[variant].title}", 0, self.views)
+        checkpoint, path = self.training.trained(variant, category), self._file(unit, category)
+        settings = {"settings": np.array(self._settings(variant, checkpoint))}
+        arrays = self._measure(variant, how, category, checkpoint) | settings
         atomic_write(path.parent, {path.name: lambda place: np.savez_compressed(place, **arrays)})  # type: ignore[arg-type]
         return arrays
+
+    def _file(self, unit: str, category: str) -> Path:
+        return self.training.place(category) / f"{unit}.npz"
+
+    def _settings(self, variant: str, checkpoint: Path) -> str:
+        asked = {"views": self.views, "seed": self.seed, "steps": self.training.steps}
+        asked |= asdict(self.schedule_of(variant)) | {"trained": checkpoint.stat().st_mtime_ns}
+        return json.dumps(asked)
+
+    def schedule_of(self, variant: str) -> Schedule:
+        """Schedule of a variant's fits."""
+        return self.published if is_published(variant) else self.schedule
 
     def _measure(self, variant: str, how: str, category: str, checkpoint: Path) -> Arrays:
         names = VARIANTS[variant].networks
@@ -108,8 +131,7 @@ class Measuring:
             arrays["samples"] = (255 * drawings.prior_samples(model, SAMPLES, self.seed)).round().byte().numpy()
             arrays["l1"] = np.array(drawings.novel_view_l1(model, self.training.cache, self.views))
             arrays["multiply_adds"] = np.array(drawings.multiply_adds(model.generator))
-            energy, rotation = fits.path_of(found.results, views, category)
-            arrays["path_energy"], arrays["path_rotation"] = np.array(energy), np.array(rotation)
+            arrays["path_energy"], arrays["path_rotation"] = fits.path_of(found.results, views, category)
         return arrays | found.arrays()
 
     def _robustness(self, variant: str, category: str, checkpoint: Path, model: CategoryModel) -> Arrays:
@@ -117,7 +139,7 @@ class Measuring:
         arrays: Arrays = {}
         count = min(self.views, ROBUST_VIEWS)
         held_out = held_out_views(model, count, self.seed)
-        trained = held_out_views(model, count, self.seed, training=True)
+        trained = held_out_views(model, count, self.seed, training_seed=self.training.seed)
         places = {"instances +0": trained}
         for kind, strength in fits.levels():
             changed = changer(kind, strength)(held_out.observation)
@@ -133,10 +155,9 @@ class Measuring:
         return arrays
 
     def _pipeline(self, variant: str, model: CategoryModel, how: str) -> FitPipeline:
-        if variant.startswith("paper"):
-            if self.training.vgg16 is None:
-                raise ValueError("the paper's configuration compares by VGG16's features: give their file by --vgg16")
-            return published_fit(model, self.training.vgg16, how)
+        if is_published(variant):
+            assert self.training.vgg16 is not None
+            return published_fit(model, self.training.vgg16, self.published, how)
         if how == "robustness":
             return fits.paper_fit(model, self.schedule, centred=False)
         if how in ("kfit", "depth"):

@@ -9,6 +9,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import yaml  # type: ignore[import-untyped]
 
@@ -17,6 +18,8 @@ from kfit.runtime.console import log
 
 # Checkpoints are written this often, so that little is lost to an interruption.
 EPOCHS = 6
+# File in a training's folder with its settings.
+RECORD = "settings.json"
 
 
 @dataclass(frozen=True)
@@ -69,6 +72,11 @@ VARIANTS = {
     "coordinates": Variant("NOCS-style, RGB-D", "nocs_regressor.yaml", networks=("regressor",)),
     "pose_head": Variant("pose head alone", "pose_head.yaml", networks=("pose_head",)),
 }
+
+
+def is_published(variant: str) -> bool:
+    """Whether a variant is of the paper's own configuration."""
+    return VARIANTS[variant].recipe == PAPER
 
 
 @dataclass(frozen=True)
@@ -127,14 +135,14 @@ class Training:
             RuntimeError: if training fails, or ends before its last step.
             ValueError: if the folder holds a training with other settings.
         """
-        recipe = self.recipes / VARIANTS[name].recipe
-        if not recipe.is_file():
-            raise FileNotFoundError(f"no recipe at {recipe}; run this in kfit's checkout, or pass --recipes DIR")
         folder, begun = self.folder(name, category), self.checkpoint(name, category)
-        folder.mkdir(parents=True, exist_ok=True)
-        self._record(name, recipe.read_text(encoding="utf-8"), folder / "settings.json", begun is None)
-        if begun is not None and self._steps(begun) >= self.steps:
-            return begun
+        if begun is None:
+            settings = json.dumps(self._settings(name), indent=1)
+            atomic_write(folder, {RECORD: lambda path: path.write_text(settings)})
+        else:
+            self.check(name, category)
+            if self._steps(begun) >= self.steps:
+                return begun
         words = self.command(name, category) + ([] if begun is None else ["--ckpt_path", str(begun)])
         log.info("training %s, %s:\n  lightning %s", category, VARIANTS[name].title, shlex.join(words))
         self._run(words, folder / "training.log")
@@ -145,19 +153,26 @@ class Training:
             raise RuntimeError(f"{folder} was trained for {done} steps instead of {self.steps}; give more --objects")
         return made
 
-    def _record(self, name: str, recipe: str, record: Path, new: bool) -> None:
-        """Write the settings of a new training, or compare them with those recorded in its folder."""
+    def check(self, name: str, category: str) -> None:
+        """Compare the settings with those of a variant's training that was begun.
+
+        Raises:
+            FileNotFoundError: if there is no such recipe.
+            ValueError: if they differ.
+        """
+        record, settings = self.folder(name, category) / RECORD, self._settings(name)
+        before = json.loads(record.read_text(encoding="utf-8")) if record.is_file() else settings
+        if changed := [key for key, value in settings.items() if before.get(key) != value]:
+            raise ValueError(f"{record.parent} was trained with another {' and '.join(changed)}; choose another --runs")
+
+    def _settings(self, name: str) -> dict[str, Any]:
+        recipe = self.recipes / VARIANTS[name].recipe
+        if not recipe.is_file():
+            raise FileNotFoundError(f"no recipe at {recipe}; run this in kfit's checkout, or pass --recipes DIR")
+        words = yaml.safe_dump(yaml.safe_load(recipe.read_text(encoding="utf-8"))).split()
         weights = self.vgg16 and Path(self.vgg16).name if name == "regressor" else None
-        recipe = " ".join((*yaml.safe_dump(yaml.safe_load(recipe)).split(), *VARIANTS[name].settings))
-        settings = {"train-steps": self.steps, "objects": self.objects, "vgg16": weights, "recipe": recipe}
-        if new:
-            atomic_write(record.parent, {record.name: lambda path: path.write_text(json.dumps(settings, indent=1))})
-        elif record.is_file():
-            before = json.loads(record.read_text(encoding="utf-8"))
-            if changed := [key for key, value in settings.items() if before.get(key) != value]:
-                raise ValueError(
-                    f"{record.parent} was trained with another {' and '.join(changed)}; choose another --runs"
-                )
+        whole = " ".join((*words, *VARIANTS[name].settings))
+        return {"train-steps": self.steps, "objects": self.objects, "vgg16": weights, "recipe": whole}
 
     @staticmethod
     def _run(words: Sequence[str], log: Path) -> None:

@@ -75,10 +75,16 @@ HELD_OUT_TEXTURES: dict[str, tuple[textures.Family, float]] = {
 }
 
 
+# Share of taught bowls that belong to no family.
+FREE = 0.35
+
+
 def build(rng: np.random.Generator, held_out: bool) -> Mesh:
     """A bowl in rim widths, to be normalised by the caller."""
     shapes, families = (HELD_OUT_SHAPES, HELD_OUT_TEXTURES) if held_out else (SHAPES, TEXTURES)
     form = shapes[str(rng.choice(list(shapes)))]
+    if not held_out and rng.random() < FREE:
+        form = _free(rng)
     radii, height = np.array(form.radii), float(rng.uniform(*form.height))
     if not held_out and rng.random() < 0.5:  # part-way to another family, so that a code learns ways to differ
         other = shapes[str(rng.choice(list(shapes)))]
@@ -106,6 +112,27 @@ def build(rng: np.random.Generator, held_out: bool) -> Mesh:
             *_hollow(rng, outer, wall, inside, section),
             *_foot(rng, outer, height * float(rng.uniform(*form.foot)), wall, base, section),
         ]
+    )
+
+
+def _free(rng: np.random.Generator) -> Form:
+    """A bowl of no family: it may widen or narrow towards the rim, bulge, and stand on a high foot.
+
+    Without such bowls a pose head learns that the wide end is the rim.
+    """
+    levels = np.array([0, 0.12, 0.35, 0.65, 1.0])
+    base, bulge = rng.uniform(0.3, 1.25), rng.uniform(-0.1, 0.15)
+    rise = levels ** np.exp(rng.uniform(-1.2, 0.6))
+    radii = base + (1 - base) * rise + bulge * np.sin(np.pi * levels)
+    high = float(rng.uniform(0.0, 0.4)) if rng.random() < 0.4 else 0.0
+    return Form(
+        tuple(radii),
+        height=(0.18, 0.65),
+        foot=(0.8 * high, high),
+        wall=(0.012, 0.06),
+        steel=0.1,
+        wood=0.1,
+        lobes=int(rng.integers(6, 21)) if rng.random() < 0.1 else 0,
     )
 
 
