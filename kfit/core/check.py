@@ -151,7 +151,7 @@ def check_dict(name: str, values: Any, check: Callable[..., None], *bounds: Any,
     _check_kind(name, values, Mapping, "a dict")
     for key, value in values.items():
         _check_kind(f"{name}: its keys", key, keys, f"of type {keys.__name__}")
-        check(f"{name} of {key}", value, *bounds)
+        check(f"{name} of {_printable(key)}", value, *bounds)
 
 
 def check_rising(name: str, pair: Any, low: float, high: float) -> None:
@@ -181,7 +181,7 @@ def check_names(name: str, names: Iterable[str], known: Collection[str], complet
     unknown = sorted(set(names) - set(known))
     missing = sorted(set(known) - set(names)) if complete else []
     if unknown or missing:
-        reason = f"unknown {', '.join(unknown)}" if unknown else f"nothing for {', '.join(missing)}"
+        reason = f"unknown {', '.join(map(_printable, unknown))}" if unknown else f"nothing for {', '.join(missing)}"
         raise ValueError(f"{name}: {reason}; the names are {', '.join(sorted(known))}")
 
 
@@ -204,6 +204,11 @@ def _check_kind(name: str, value: Any, kind: Any, words: str) -> None:
 def _shown(value: Any) -> str:
     """Return a short repr on one line."""
     return " ".join(reprlib.repr(value).split())
+
+
+def _printable(name: object) -> str:
+    """Return a name as it is, or as Python's literal where it would break the line."""
+    return str(name) if str(name).isprintable() else repr(name)
 
 
 def _spell(shape: tuple[int | str, ...]) -> str:

@@ -91,6 +91,8 @@ def test_values_of_the_types_and_within_the_bounds_are_accepted(values):
         ({"span": (1, 0)}, ValueError, r"draw: span must rise within -1 to 1, got \(1, 0\)"),
         ({"rates": -1.0}, ValueError, "draw: rates must be finite and at least 0, got -1.0"),
         ({"rates": {"x": -1.0}}, ValueError, "draw: rates of x must be finite and at least 0, got -1.0"),
+        ({"rates": {"a\nb": -1.0}}, ValueError, r"draw: rates of 'a\\nb' must be finite and at least 0, got -1.0"),
+        ({"rate": 10**400}, ValueError, "draw: rate must be above 0 and finite, got 1000.*000"),
         ({"rates": {1: 0.1}}, TypeError, "draw: rates: its keys must be of type str, got 1"),
         ({"rates": [0.1]}, TypeError, r"draw: rates must be a number, got \[0.1\]"),
         ({"history": 0}, ValueError, "draw: history must be at least 1, got 0"),
