@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import reprlib
-import sys
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from numbers import Integral, Real
 from os import PathLike
@@ -64,8 +63,7 @@ def check_range(name: str, value: Any, low: float = -math.inf, high: float = mat
         ValueError: if it lies outside, is infinite or NaN.
     """
     _check_kind(name, value, Real, "a number")
-    # not `isfinite`, which overflows on large whole numbers
-    if not (low <= value <= high and abs(value) <= sys.float_info.max):
+    if not (low <= value <= high and _is_finite(value)):
         beyond = "be finite" if low == -math.inf else f"be finite and at least {low:g}"
         wanted = beyond if high == math.inf else f"lie between {low:g} and {high:g}"
         raise ValueError(f"{name} must {wanted}, got {_shown(value)}")
@@ -79,7 +77,7 @@ def check_positive(name: str, value: Any) -> None:
         ValueError: if it is not above 0, infinite or NaN.
     """
     _check_kind(name, value, Real, "a number")
-    if not 0 < value <= sys.float_info.max:
+    if not (value > 0 and _is_finite(value)):
         raise ValueError(f"{name} must be above 0 and finite, got {_shown(value)}")
 
 
@@ -199,6 +197,13 @@ def check_bound(variables: Mapping[str, Any], fixed: Mapping[str, Tensor]) -> No
 def _check_kind(name: str, value: Any, kind: Any, words: str) -> None:
     if isinstance(value, bool) or not isinstance(value, kind):
         raise TypeError(f"{name} must be {words}, got {_shown(value)}")
+
+
+def _is_finite(value: Any) -> bool:
+    try:
+        return math.isfinite(value)
+    except OverflowError:  # a whole number beyond floats
+        return False
 
 
 def _shown(value: Any) -> str:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
 import pytest
 import torch
 from torch import Tensor
@@ -92,6 +93,7 @@ def test_values_of_the_types_and_within_the_bounds_are_accepted(values):
         ({"rates": -1.0}, ValueError, "draw: rates must be finite and at least 0, got -1.0"),
         ({"rates": {"x": -1.0}}, ValueError, "draw: rates of x must be finite and at least 0, got -1.0"),
         ({"rates": {"a\nb": -1.0}}, ValueError, r"draw: rates of 'a\\nb' must be finite and at least 0, got -1.0"),
+        ({"rate": np.float32("inf")}, ValueError, "draw: rate must be above 0 and finite, got .*inf.*"),
         ({"rate": 10**400}, ValueError, "draw: rate must be above 0 and finite, got 1000.*000"),
         ({"rates": {1: 0.1}}, TypeError, "draw: rates: its keys must be of type str, got 1"),
         ({"rates": [0.1]}, TypeError, r"draw: rates must be a number, got \[0.1\]"),
