@@ -59,6 +59,7 @@ def test_its_card_names_what_the_checkpoint_does_not_hold(packed: Path) -> None:
     np.testing.assert_allclose(found, np.tile(sides / np.linalg.norm(sides), (3, 1)), atol=1e-3)
 
 
+@pytest.mark.slow
 def test_its_pose_is_what_the_released_code_reports(packed: Path) -> None:
     model = kfit.load(packed)
     ax, ay, az = 0.21, 0.13, 0.04  # half-turns
