@@ -240,6 +240,7 @@ def write_photo(path: Path, mask: bool) -> None:
         assert cv2.imwrite(str(path.with_name(f"{path.stem}_mask.png")), np.full((40, 50), 255, np.uint8))
 
 
+@pytest.mark.slow
 def test_each_photo_with_a_mask_gets_the_answer_that_it_gets_alone(models, tmp_path):
     photos, out = tmp_path / "photos", tmp_path / "poses"
     photos.mkdir()

@@ -150,7 +150,7 @@ def test_every_shipped_optimizer_is_covered_here_and_exported():
 class TestAnOptimizer:
     @pytest.mark.parametrize(
         "energy",
-        [valley, spot, pytest.param(quadratic, marks=pytest.mark.slow), pytest.param(kink, marks=pytest.mark.slow)],
+        [spot, *(pytest.param(energy, marks=pytest.mark.slow) for energy in (quadratic, valley, kink))],
         ids=lambda energy: energy.__name__,
     )
     def test_meets_the_small_problems_from_every_start(self, build, steps, energy):

@@ -44,6 +44,7 @@ def test_a_row_is_the_picture_of_its_pose(tmp_path):
     np.testing.assert_allclose(data["depth"][3][inside], view.depth[inside] - distance, atol=2e-3)
 
 
+@pytest.mark.slow
 def test_distances_and_elevations_follow_their_stated_distributions(tmp_path):
     settings = {"image_size": 2, "supersample": 1, "elevation_deg": (20, 30)}
     data = contents(build_views(tmp_path / "bowls.h5", "bowl", 1, 600, **settings))

@@ -47,7 +47,10 @@ def pictures(size=64, rows=2):
     return [torch.rand(rows, 3, size, size, generator=rng) for _ in range(2)]
 
 
-@pytest.mark.parametrize("backbone", ["alex", "vgg"])
+EACH_BACKBONE = pytest.mark.parametrize("backbone", ["alex", pytest.param("vgg", marks=pytest.mark.slow)])
+
+
+@EACH_BACKBONE
 def test_it_is_what_torchmetrics_computes_on_the_same_backbone(backbone, torchvisions, monkeypatch):
     features, file = torchvisions[backbone]
     monkeypatch.setattr(theirs, "_get_tv_model_features", lambda net, pretrained: features)
@@ -152,7 +155,7 @@ def test_on_the_real_vgg16_it_is_the_value_in_torchmetrics_documentation():
     assert energy(x, y).mean().item() == pytest.approx(0.3493, abs=1e-4)
 
 
-@pytest.mark.parametrize("backbone", ["alex", "vgg"])
+@EACH_BACKBONE
 def test_pictures_in_double_precision_and_small_ones_get_an_answer_or_a_sentence(backbone, torchvisions):
     energy = LPIPS(backbone, torchvisions[backbone][1])
     x, y = pictures()

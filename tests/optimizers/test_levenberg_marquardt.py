@@ -50,6 +50,7 @@ def test_each_row_walks_as_if_it_were_alone_and_none_rises():
     torch.testing.assert_close(result.values["pixels"][:1], alone.values["pixels"], rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_products_and_differences_find_the_same_registration(monkeypatch):
     grid = torch.linspace(-2, 2, 24, dtype=torch.float64)
     picture = torch.stack([torch.outer((k * grid).sin(), (grid + k).cos()) for k in (1, 2, 3)]) / 2 + 0.5

@@ -139,6 +139,7 @@ def test_more_poses_are_drawn_than_started_and_steps_grow_smaller(
     assert tiny_model.pipeline(4, 0).num_steps == 0
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_answer(tiny_model: CategoryModel) -> None:
     image, mask = np.random.default_rng(0).random((40, 40, 3)), np.ones((40, 40))
     first, again = (tiny_model.pose(image, mask=mask, seed=3, pipeline=tiny_model.pipeline(4, 2)) for _ in range(2))
@@ -186,6 +187,7 @@ def test_a_principal_point_far_from_the_photos_middle_is_noted(
     assert any("far from the photo's middle" in note for note in answer.notes) == doubted
 
 
+@pytest.mark.slow
 def test_unseen_views_know_whether_a_handle_shows() -> None:
     model = kfit.load("mug")
     views = held_out_views(model, 12, photo_size=64)

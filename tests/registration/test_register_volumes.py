@@ -84,7 +84,9 @@ def test_gain_and_offset_of_a_volume_are_found_too():
     assert float(found.offset) == pytest.approx(0.3, abs=0.03)
 
 
-@pytest.mark.parametrize("energy", [NCC(), MutualInformation()], ids=["NCC", "MutualInformation"])
+@pytest.mark.parametrize(
+    "energy", [NCC(), pytest.param(MutualInformation(), marks=pytest.mark.slow)], ids=["NCC", "MutualInformation"]
+)
 def test_other_energies_and_a_start_serve_volumes(energy):
     fixed, mask, matrix = moved(angles=(0.0, 10.0, 0.0), shift=(1.0, 0.0, 0.0))
     near = matrix.clone()

@@ -105,6 +105,7 @@ def test_a_training_logs_rate_and_pictures_into_tensorboard_and_a_table(started,
     assert kinds(trainer.callbacks).count(LearningRateMonitor) == 1
 
 
+@pytest.mark.slow
 def test_a_logger_by_name_wins_and_gets_pictures_and_rate(started):
     start("fit", "smoke", "--trainer.logger", "CSVLogger", "--trainer.logger.save_dir", "own")
     (trainer,) = started
@@ -112,6 +113,7 @@ def test_a_logger_by_name_wins_and_gets_pictures_and_rate(started):
     assert {PictureGrid, LearningRateMonitor} <= set(kinds(trainer.callbacks))
 
 
+@pytest.mark.slow
 def test_without_a_logger_nothing_is_logged(started):
     start("fit", "smoke", "--trainer.logger", "false")
     (trainer,) = started
