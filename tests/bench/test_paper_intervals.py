@@ -74,7 +74,10 @@ def test_the_paper_s_tables_hold_the_paper_s_networks_and_their_reference(tmp_pa
     assert all(REFERENCE[table] in TABLES[table] for table in REFERENCE)
     training = variants.Training(12, 4, tmp_path, tmp_path, tmp_path, seed=2)
     words = training.command("paper", "mug")
-    assert words[words.index("--model.init_args.kl_weight") + 1] == "0.01"
+    # 10 |I - I'| + 0.01 mean_d KL_d, as released, is 10 times |I - I'| + 6.25e-5 sum_d KL_d for a code of 16.
+    assert words[words.index("--model.init_args.kl_weight") + 1] == "6.25e-05"
+    words_4 = training.command("paper_code_4", "mug")
+    assert words_4[words_4.index("--model.init_args.kl_weight") + 1] == "0.00025"
     assert words[words.index("--seed_everything") + 1] == "2"
     assert training.folder("paper", "mug") == tmp_path / "seed_2" / "mug" / "paper"
 
