@@ -74,9 +74,9 @@ def _settings(tables: list[str], how: Measuring, command: str, seeds: int) -> li
         )
     if any(table.startswith("paper_") for table in tables):
         lines.append(
-            "- **The paper's configuration**: its network sizes, λ of 0.01 as printed, in the released "
-            "code's normalisation, features of VGG16, a prior of "
-            f"weight 1, {published.starts} starts of {published.steps} steps (the paper: 32 of 50), nothing pruned."
+            "- **The paper's configuration**: its network sizes, λ of 0.01 as printed, in the released code's "
+            "normalisation, features of VGG16 and a prior of weight 1 (in proportion for other energies), "
+            f"{published.starts} starts of {published.steps} steps (the paper: 32 of 50), nothing pruned."
         )
     if any("curves" in table or "robustness" in table for table in tables):
         lines.append(f"- **The VGG16 regressor** is trained from {begun}.")
