@@ -11,7 +11,7 @@ from kfit.core import Energy, Initializer, Prior
 from kfit.energies import L1, L2, SSIM, CodePrior, Depth, Perceptual
 from kfit.features import VGG16
 from kfit.generators import MetricDepth, SimilarityWarp, fixed_camera
-from kfit.initializers import Constant, EncoderPosterior, FromDepth, FromMask, SphereGrid
+from kfit.initializers import Constant, EncoderPosterior, FromCamera, FromDepth, FromMask, SphereGrid
 from kfit.optimizers import Adam
 from kfit.pose import CategoryModel
 from kfit.pose.defaults import DISTANCE_RATE
@@ -60,8 +60,8 @@ def published_fit(model: CategoryModel, vgg16: str, schedule: Schedule, how: str
     if how == "depth":
         drawn = MetricDepth(drawn, model.card.unit_fraction)
         energies["depth"], weights["depth"] = Depth(), DEPTH_WEIGHT / model.card.mean_diagonal
-        starts = [FromDepth(drawn, starts)]
-        rates["distance"] = DISTANCE_RATE
+        starts = [FromDepth(drawn, [*starts, FromCamera()])]
+        rates |= {"focal": 0.0, "distance": DISTANCE_RATE}  # the lens is known
     return FitPipeline(
         drawn,
         energies,
