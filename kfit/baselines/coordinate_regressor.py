@@ -9,7 +9,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from kfit.core.check import check_count, check_list, check_shape
+from kfit.core.arguments import check_arguments
+from kfit.core.check import check_shape
 from kfit.geometry import Symmetry, check_symmetry, num_turns, turns_about_y
 from kfit.runtime.old_weights import read_old_weights
 
@@ -45,9 +46,7 @@ class CoordinateRegressor(nn.Module):
         self, symmetry: Symmetry = "none", channels: Sequence[int] = (24, 48, 96, 160, 160), num_bins: int = 32
     ) -> None:
         super().__init__()
-        check_symmetry("CoordinateRegressor: symmetry", symmetry)
-        check_list("CoordinateRegressor: channels", channels, None, check_count)
-        check_count("CoordinateRegressor: num_bins", num_bins, 2)
+        check_arguments(CoordinateRegressor, locals(), symmetry=(check_symmetry,), num_bins=(2,))
         self.num_bins = num_bins
         self.register_buffer("centres", (torch.arange(num_bins) + 0.5) / num_bins - 0.5, persistent=False)
         turns = turns_about_y(num_turns(symmetry) or NUM_TURNS).float()

@@ -6,7 +6,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from kfit.core.check import check_count, check_shape
+from kfit.core.arguments import check_arguments
+from kfit.core.check import check_shape
 from kfit.features import VGG16
 from kfit.geometry import Symmetry, check_symmetry, num_turns, turns_about_y
 from kfit.runtime.old_weights import read_old_weights
@@ -41,9 +42,7 @@ class OrientationRegressor(nn.Module):
 
     def __init__(self, symmetry: Symmetry = "none", hidden_dim: int = 1024, image_size: int = 64) -> None:
         super().__init__()
-        check_symmetry("OrientationRegressor: symmetry", symmetry)
-        check_count("OrientationRegressor: hidden_dim", hidden_dim)
-        check_count("OrientationRegressor: image_size", image_size, 32)
+        check_arguments(OrientationRegressor, locals(), symmetry=(check_symmetry,), image_size=(32,))
         if image_size % 32:
             raise ValueError(f"OrientationRegressor: image_size must be a multiple of 32, got {image_size}")
         self.symmetry, self.image_size = symmetry, image_size

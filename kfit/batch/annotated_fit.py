@@ -12,7 +12,7 @@ import numpy as np
 
 from kfit.batch.fit_data import FitData, ImageToFit, ObjectToFit
 from kfit.batch.nocs_fit import object_key, prediction_of
-from kfit.core.check import check_count
+from kfit.core.arguments import check_arguments
 from kfit.data.annotated_frame import AnnotatedFrame, AnnotatedObject
 from kfit.data.annotated_frames import AnnotatedFrames
 from kfit.pose.result import PoseResult
@@ -34,7 +34,7 @@ class AnnotatedFit(FitData):
 
     def __init__(self, source: AnnotatedFrames, batch_size: int = 1) -> None:
         super().__init__()
-        check_count("batch_size", batch_size)
+        check_arguments(type(self), locals())
         self.source, self.batch_size = source, batch_size
         self.categories = source.categories
 

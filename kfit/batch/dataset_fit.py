@@ -18,7 +18,8 @@ from torch import nn
 from kfit.batch.fit_data import FitData, ImageToFit, ObjectCropper, Unreadable
 from kfit.batch.results_folder import ResultsFolder
 from kfit.core import FitError, Observation
-from kfit.core.check import check_choice, check_count, check_dict, check_names, check_text
+from kfit.core.arguments import check_arguments
+from kfit.core.check import check_names
 from kfit.geometry import CATEGORIES
 from kfit.models.load import BUNDLED, bundled, load
 from kfit.pose.category_model import CategoryModel
@@ -61,13 +62,7 @@ class DatasetFit(LightningModule):
         seed: int = 0,
     ) -> None:
         super().__init__()
-        check_text("out", out)
-        check_count("num_starts", num_starts)
-        check_count("num_steps", num_steps, 0)
-        check_choice("depth", depth, (False, True))
-        check_count("seed", seed, 0)
-        if models is not None:
-            check_dict("models", models, check_text)
+        check_arguments(DatasetFit, locals(), num_steps=(0,), seed=(0,))
         self.folder, self.depth, self.seed = ResultsFolder(Path(out)), depth, seed
         self.num_starts, self.num_steps = num_starts, num_steps
         self.files = {name: BUNDLED / f"{name}.safetensors" for name in bundled()}

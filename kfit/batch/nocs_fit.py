@@ -6,12 +6,12 @@ import hashlib
 from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 
 from kfit.batch.fit_data import FitData, ImageToFit, ObjectToFit
-from kfit.core.check import check_choice, check_count, check_text
+from kfit.core.arguments import check_arguments
 from kfit.data.nocs_frame import NOCSFrame
 from kfit.data.nocs_frames import NOCSFrames, Split
 from kfit.data.nocs_pickle import dump_pickle, load_pickle
@@ -41,11 +41,7 @@ class NOCSFit(FitData):
 
     def __init__(self, root: Path, split: Split, detections: Path | None = None, batch_size: int = 1) -> None:
         super().__init__()
-        check_text("root", root)
-        check_choice("split", split, get_args(Split))
-        if detections is not None:
-            check_text("detections", detections)
-        check_count("batch_size", batch_size)
+        check_arguments(NOCSFit, locals())
         self.root, self.split, self.detections, self.batch_size = Path(root), split, detections, batch_size
 
     @property

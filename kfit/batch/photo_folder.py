@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from kfit.batch.fit_data import FitData, ImageToFit, ObjectToFit
-from kfit.core.check import check_count, check_text
+from kfit.core.arguments import check_arguments
 from kfit.pose.result import PoseResult
 from kfit.segmentation import depth_from_file, mask_from_alpha, mask_from_file, read_photo
 
@@ -33,9 +33,7 @@ class PhotoFolder(FitData):
 
     def __init__(self, root: Path, category: str, batch_size: int = 1) -> None:
         super().__init__()
-        check_text("root", root)
-        check_text("category", category)
-        check_count("batch_size", batch_size)
+        check_arguments(PhotoFolder, locals())
         self.root, self.category, self.batch_size = Path(root), category, batch_size
         self.categories = (category,)
 

@@ -70,6 +70,13 @@ def add_sources(parser: ArgumentParser, views: int) -> None:
         "middle, rolled, 0.4 to 1.2 m away, known intrinsics), or from anywhere (all rotations)",
     )
     group.add_argument(
+        "--hidden",
+        type=float,
+        default=0.0,
+        metavar="SHARE",
+        help="hide this share of each object behind a square, which its mask leaves out",
+    )
+    group.add_argument(
         "--meshes",
         type=list[str] | str,
         default=[],
@@ -93,6 +100,8 @@ def models_of(args: Namespace) -> dict[str, CategoryModel]:
     for name, least in {"views": 0, "scan_views": 1, "starts": 1, "steps": 0}.items():
         if args[name] < least:
             raise ValueError(f"--{name.replace('_', '-')} must be at least {least}, got {args[name]}")
+    if not 0 <= args.hidden < 1:
+        raise ValueError(f"--hidden must be a share of at least 0 and below 1, got {args.hidden:g}")
     if not (args.views or args.meshes or args.nocs):
         raise ValueError("--views 0 leaves nothing to measure without --meshes or --nocs")
     from kfit.models import bundled, load
@@ -150,7 +159,8 @@ def run(args: Namespace) -> None:
 
 def _kind(args: Namespace) -> str:
     """The kind of views, as tables and cards name it."""
-    return f", {args.views_of} views" + (", with depth" if args.depth else "")
+    hidden = f", {100 * args.hidden:g} % hidden" if args.hidden else ""
+    return f", {args.views_of} views{hidden}" + (", with depth" if args.depth else "")
 
 
 def _pipeline(args: Namespace, model: CategoryModel, depth: bool) -> FitPipeline:
@@ -185,6 +195,7 @@ def _schedule(args: Namespace) -> dict[str, Any]:
         "seed": args.seed,
         "views a category": args.views,
         "views of": args.views_of,
+        "hidden": args.hidden,
         "views a scan": args.scan_views,
         "depth": args.depth,
     }

@@ -11,7 +11,8 @@ from jsonargparse import Namespace
 from rich.progress import Progress
 from torch import from_numpy
 
-from kfit.bench.held_out_views import HeldOutViews, answer_to, held_out_views
+from kfit.bench.calibration_views import covered
+from kfit.bench.held_out_views import Corruption, HeldOutViews, answer_to, held_out_views
 from kfit.bench.nocs_accuracy import fit_known, known_objects
 from kfit.bench.pose_errors import measure
 from kfit.bench.scans import find_scans, scan_views
@@ -37,7 +38,7 @@ class AccuracyFits:
         bar: shows what is done.
         pipeline: the fit of a model, with depth or without.
         args: ``views`` and ``seed`` of procedural objects, ``meshes``, ``scan_views`` and ``nocs`` of others,
-            ``views_of`` of both.
+            ``views_of`` and ``hidden`` of both.
         depth: fit the views' depth too.
         shown: whether sheets are wanted.
         sheets: pictures by file name.
@@ -66,7 +67,12 @@ class AccuracyFits:
                 self.bar.update(task, description=f"{category}, drawing")
                 shown = partial(self._show, task)
                 self.views[category] = held_out_views(
-                    model, self.args.views, self.args.seed, on_view=shown, kind=self.args.views_of
+                    model,
+                    self.args.views,
+                    self.args.seed,
+                    on_view=shown,
+                    kind=self.args.views_of,
+                    corruption=self._corruption,
                 )
                 self.bar.reset(task, description=f"{category}, procedural")
             found[category] = self._measured(model, self.views[category], task, f"{category} procedural")
@@ -85,9 +91,15 @@ class AccuracyFits:
             name = f"{scan.category}: {scan.name}"
             task = self.bar.add_task(name, total=self.args.scan_views)
             if name not in self.views:
-                self.views[name] = scan_views(model, scan, self.args.scan_views, self.args.seed, self.args.views_of)
+                self.views[name] = scan_views(
+                    model, scan, self.args.scan_views, self.args.seed, self.args.views_of, self._corruption
+                )
             found[name] = self._measured(model, self.views[name], task, f"{scan.category} scan {scan.name}")
         return found
+
+    @property
+    def _corruption(self) -> Corruption | None:
+        return partial(covered, share=self.args.hidden) if self.args.hidden else None
 
     def _show(self, task: Any, done: int) -> None:
         self.bar.update(task, completed=done)

@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
-from kfit.bench.held_out_views import HeldOutViews, held_out_views, views_of
+from kfit.bench.held_out_views import Corruption, HeldOutViews, held_out_views, views_of
 from kfit.bench.scans import mesh_objects
 from kfit.bench.view_cameras import ViewsOf
 from kfit.data import build
@@ -17,8 +18,7 @@ from kfit.data.mesh_places import MeshFile
 from kfit.data.rasterizer import View
 from kfit.geometry import CATEGORIES
 from kfit.pose.category_model import CategoryModel
-
-Corruption = Callable[[View, np.random.Generator], View]
+from kfit.training.random_corruption import occluded as hide_square
 
 
 @dataclass(frozen=True)
@@ -46,6 +46,14 @@ def occluded(view: View, rng: np.random.Generator) -> View:
     angle = rng.uniform(0, 2 * np.pi)
     along = np.cos(angle) * columns + np.sin(angle) * rows
     return _cut(view, angle, float(np.quantile(along, rng.uniform(0.6, 0.9))))
+
+
+def covered(view: View, rng: np.random.Generator, share: float) -> View:
+    """Hide a share of the mask behind a square around a random pixel of it; the mask leaves it out."""
+    image, mask = torch.from_numpy(view.image).movedim(2, 0)[None], torch.from_numpy(view.mask)[None, None]
+    numbers = torch.Generator().manual_seed(int(rng.integers(2**62)))
+    shown, kept = hide_square(image, mask, share, numbers)
+    return replace(view, image=shown[0].movedim(0, 2).numpy(), mask=kept[0, 0].numpy())
 
 
 def cut(view: View, rng: np.random.Generator) -> View:

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from kfit.core.check import check_count, check_range
+from kfit.core.arguments import check_arguments
 from kfit.data import build, render
 from kfit.geometry import rotation_from_angles, to_opencv
 from kfit.pose.category_model import CategoryModel
@@ -59,10 +59,7 @@ def held_out_clip(
     """
     from skimage import data
 
-    check_count("held_out_clip: number", number, 0)
-    check_count("held_out_clip: num_frames", num_frames)
-    check_range("held_out_clip: turn_deg", turn_deg)
-    check_count("held_out_clip: seed", seed, 0)
+    check_arguments(held_out_clip, locals(), number=(0,), seed=(0,))
     mesh, light = build(model.card.known, 1_000_000 + 1_000 * seed + number, held_out=True)
     rng = np.random.default_rng([seed, number])
     camera = np.array([[FOCAL, 0, (WIDTH - 1) / 2], [0, FOCAL, (HEIGHT - 1) / 2], [0, 0, 1]])

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from kfit.bench.view_cameras import ViewsOf, sample_view
 from kfit.core import FitResult, Observation
-from kfit.core.check import check_choice, check_count
+from kfit.core.arguments import check_arguments
 from kfit.data import Light, Mesh, build, render
 from kfit.data.drawn_objects import SEED_STRIDE
 from kfit.data.rasterizer import View
@@ -28,6 +28,8 @@ from kfit.pose.result import PoseResult
 
 # A mug "shows its handle" when the handle covers this share of the mask; else NOCS lets it turn freely.
 HANDLE_SHARE = 0.02
+# Changes a photo before the object is cut out of it.
+Corruption = Callable[[View, np.random.Generator], View]
 # A rotation error under which an answer is right where it is asked whether kfit knows that it is.
 RIGHT_DEG = 20.0
 
@@ -65,15 +67,13 @@ def held_out_views(
     training_seed: int | None = None,
     on_view: Callable[[int], None] = lambda done: None,
     kind: ViewsOf = "upright",
-    corruption: Callable[[View, np.random.Generator], View] | None = None,
+    corruption: Corruption | None = None,
 ) -> HeldOutViews:
     """Draw one view each of ``num_views`` objects of seeds and of shape and texture families held out of training.
 
     They are drawn by `views_of`. For comparison, ``training_seed`` shows objects of a training of that seed instead.
     """
-    check_count("held_out_views: num_views", num_views)
-    check_count("held_out_views: seed", seed, 0)
-    check_count("held_out_views: photo_size", photo_size, 8)
+    check_arguments(held_out_views, locals(), seed=(0,), photo_size=(8,), training_seed=(0,))
     # Far from the seeds that validation counts up from 0.
     first = 1_000_000 + 1_000 * seed if training_seed is None else training_seed * SEED_STRIDE
     objects = (build(model.card.known, first + number, training_seed is None) for number in range(num_views))
@@ -87,7 +87,7 @@ def views_of(
     photo_size: int = 256,
     on_view: Callable[[int], None] = lambda done: None,
     kind: ViewsOf = "upright",
-    corruption: Callable[[View, np.random.Generator], View] | None = None,
+    corruption: Corruption | None = None,
 ) -> HeldOutViews:
     """Draw one view each of normalised objects in NOCS's frame.
 
@@ -103,7 +103,7 @@ def views_of(
         kind: how the objects are seen, see `kfit.bench.view_cameras.sample_view`.
         corruption: changes a photo before the object is cut out of it.
     """
-    check_choice("views_of: kind", kind, ("upright", "table", "any"))
+    check_arguments(views_of, locals(), seed=(0,))
     card = model.card
     pieces, crops, cameras, visible, places, photos, masks = [], [], [], [], [], [], []
     for number, (mesh, light) in enumerate(objects):

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from kfit.bench.held_out_views import HeldOutViews, views_of
+from kfit.bench.held_out_views import Corruption, HeldOutViews, views_of
 from kfit.bench.view_cameras import ViewsOf
 from kfit.data import Light, Mesh
 from kfit.data.exposure import with_exposure
@@ -51,10 +51,15 @@ def _named(path: Path, categories: Collection[str]) -> str | None:
 
 
 def scan_views(
-    model: CategoryModel, scan: MeshFile, num_views: int, seed: int = 0, kind: ViewsOf = "upright"
+    model: CategoryModel,
+    scan: MeshFile,
+    num_views: int,
+    seed: int = 0,
+    kind: ViewsOf = "upright",
+    corruption: Corruption | None = None,
 ) -> HeldOutViews:
     """Views of one mesh as `kfit.bench.held_out_views.views_of` draws them, each in a random light of its own."""
-    return views_of(model, mesh_objects([scan], num_views, seed), seed, kind=kind)
+    return views_of(model, mesh_objects([scan], num_views, seed), seed, kind=kind, corruption=corruption)
 
 
 def mesh_objects(files: Sequence[MeshFile], count: int, seed: int) -> Iterator[tuple[Mesh, Light]]:

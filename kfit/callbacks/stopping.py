@@ -7,7 +7,7 @@ from dataclasses import replace
 import torch
 
 from kfit.core import Callback, FitState
-from kfit.core.check import check_count, check_range
+from kfit.core.arguments import check_arguments
 
 BEST, SINCE = "stopping: energy", "stopping: steps"
 
@@ -48,8 +48,7 @@ class Stopping(Callback):
     """
 
     def __init__(self, tolerance: float = 0.001, patience: int = 3) -> None:
-        check_range("Stopping: tolerance", tolerance, 0, 1 - 1e-9)
-        check_count("Stopping: patience", patience)
+        check_arguments(Stopping, locals(), tolerance=(0, 1 - 1e-9))
         self.tolerance, self.patience = tolerance, patience
 
     def on_step(self, state: FitState) -> FitState:

@@ -63,8 +63,7 @@ def check_range(name: str, value: Any, low: float = -math.inf, high: float = mat
         ValueError: if it lies outside, is infinite or NaN.
     """
     _check_kind(name, value, Real, "a number")
-    # not `isfinite`, which overflows on large whole numbers
-    if not (low <= value <= high and -math.inf < value < math.inf):
+    if not (low <= value <= high and _is_finite(value)):
         beyond = "be finite" if low == -math.inf else f"be finite and at least {low:g}"
         wanted = beyond if high == math.inf else f"lie between {low:g} and {high:g}"
         raise ValueError(f"{name} must {wanted}, got {_shown(value)}")
@@ -78,7 +77,7 @@ def check_positive(name: str, value: Any) -> None:
         ValueError: if it is not above 0, infinite or NaN.
     """
     _check_kind(name, value, Real, "a number")
-    if not 0 < value < math.inf:
+    if not (value > 0 and _is_finite(value)):
         raise ValueError(f"{name} must be above 0 and finite, got {_shown(value)}")
 
 
@@ -150,7 +149,7 @@ def check_dict(name: str, values: Any, check: Callable[..., None], *bounds: Any,
     _check_kind(name, values, Mapping, "a dict")
     for key, value in values.items():
         _check_kind(f"{name}: its keys", key, keys, f"of type {keys.__name__}")
-        check(f"{name} of {key}", value, *bounds)
+        check(f"{name} of {_printable(key)}", value, *bounds)
 
 
 def check_rising(name: str, pair: Any, low: float, high: float) -> None:
@@ -180,7 +179,7 @@ def check_names(name: str, names: Iterable[str], known: Collection[str], complet
     unknown = sorted(set(names) - set(known))
     missing = sorted(set(known) - set(names)) if complete else []
     if unknown or missing:
-        reason = f"unknown {', '.join(unknown)}" if unknown else f"nothing for {', '.join(missing)}"
+        reason = f"unknown {', '.join(map(_printable, unknown))}" if unknown else f"nothing for {', '.join(missing)}"
         raise ValueError(f"{name}: {reason}; the names are {', '.join(sorted(known))}")
 
 
@@ -200,9 +199,21 @@ def _check_kind(name: str, value: Any, kind: Any, words: str) -> None:
         raise TypeError(f"{name} must be {words}, got {_shown(value)}")
 
 
+def _is_finite(value: Any) -> bool:
+    try:
+        return math.isfinite(value)
+    except OverflowError:  # a whole number beyond floats
+        return False
+
+
 def _shown(value: Any) -> str:
     """Return a short repr on one line."""
     return " ".join(reprlib.repr(value).split())
+
+
+def _printable(name: object) -> str:
+    """Return a name as it is, or as Python's literal where it would break the line."""
+    return str(name) if str(name).isprintable() else repr(name)
 
 
 def _spell(shape: tuple[int | str, ...]) -> str:

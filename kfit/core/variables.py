@@ -14,7 +14,8 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
-from kfit.core.check import check_count, check_list, check_range
+from kfit.core.arguments import check_arguments
+from kfit.core.check import check_count, check_list
 
 Variables = dict[str, Tensor]
 
@@ -120,8 +121,7 @@ class Bounded(Space):
     high: float
 
     def __post_init__(self) -> None:
-        check_range("Bounded: low", self.low)
-        check_range("Bounded: high", self.high)
+        check_arguments(Bounded, vars(self))
         if not self.low < self.high:
             raise ValueError(f"Bounded needs low < high, got low {self.low:g} and high {self.high:g}")
 

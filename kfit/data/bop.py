@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kfit.core.check import check_text
+from kfit.core.arguments import check_arguments
 from kfit.data.annotated_frame import AnnotatedFrame, AnnotatedObject
 from kfit.data.annotated_frames import AnnotatedFrames
 from kfit.data.mesh_places import MeshFile, stand_of
@@ -63,8 +63,7 @@ class BOPFrames(AnnotatedFrames):
     """
 
     def __init__(self, root: str, objects: dict[int, str], split: str = "test", stands: str = "z") -> None:
-        check_text("root", root)
-        check_text("split", split)
+        check_arguments(BOPFrames, locals())
         self.root, self.objects, self.split = Path(root), {int(k): str(v) for k, v in objects.items()}, split
         up, front = stand_of(stands, f"stands {stands!r}")
         self.to_category = MeshFile(Path(), up=up, front=front).rotation

@@ -15,7 +15,8 @@ from lightning import LightningDataModule
 from torch import Tensor
 from torch.utils.data import DataLoader, DistributedSampler
 
-from kfit.core.check import check_count, check_list, check_rising, check_text
+from kfit.core.arguments import check_arguments
+from kfit.core.check import check_rising
 from kfit.data.category_files import read_category
 from kfit.data.mesh_places import MeshFile, find_mesh_files
 from kfit.data.rendered_views import build_views, settings_of
@@ -83,20 +84,7 @@ class ViewsDataModule(LightningDataModule):
         seed: int = 0,
     ) -> None:
         super().__init__()
-        check_count("num_objects", num_objects)
-        check_count("num_views", num_views, 2)
-        check_count("image_size", image_size)
-        check_count("batch_size", batch_size)
-        check_count("num_val_objects", num_val_objects)
-        check_rising("distance_range", distance_range, 1, 1e6)
-        check_count("seed", seed, 0)
-        check_text("cache_dir", cache_dir)
-        if views is not None:
-            check_text("views", views)
-        if isinstance(meshes, str | Path):
-            check_text("meshes", meshes)
-        elif meshes is not None:
-            check_list("meshes", meshes, None, check_text)
+        check_arguments(ViewsDataModule, locals(), num_views=(2,), distance_range=(check_rising, 1, 1e6), seed=(0,))
         if meshes is not None and views is not None:
             raise ValueError(f"meshes and views must not both be given, but are {meshes!r} and {views!r}.")
         self.category = read_category(category)

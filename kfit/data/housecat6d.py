@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from kfit.core.check import check_text
+from kfit.core.arguments import check_arguments
 from kfit.data.annotated_frame import WORDS, AnnotatedFrame, AnnotatedObject
 from kfit.data.annotated_frames import AnnotatedFrames
 from kfit.data.nocs_frame import read_picture
@@ -28,8 +28,7 @@ class HouseCat6DFrames(AnnotatedFrames):
     """
 
     def __init__(self, root: str, scenes: str = "*scene*") -> None:
-        check_text("root", root)
-        check_text("scenes", scenes)
+        check_arguments(HouseCat6DFrames, locals())
         self.root = Path(root)
         self.pictures = sorted(self.root.glob(f"{scenes}/rgb/*.png"))
         if not self.pictures:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kfit.core.check import check_range
+from kfit.core.arguments import check_arguments
 
 
 @dataclass(frozen=True)
@@ -31,8 +31,7 @@ class Light:
     shininess: float = 30.0
 
     def __post_init__(self) -> None:
-        check_range("Light: specular", self.specular, 0)
-        check_range("Light: shininess", self.shininess, 0)
+        check_arguments(Light, vars(self), specular=(0,), shininess=(0,))
 
     @staticmethod
     def random(rng: np.random.Generator) -> Light:

@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 from skimage.measure import ransac
 from skimage.transform import SimilarityTransform
 
-from kfit.core.check import check_count, check_positive
+from kfit.core.arguments import check_arguments
+from kfit.core.check import check_positive
 from kfit.runtime.ignored_warnings import ignore_warnings
 
 _MIN_PAIRS = 16
@@ -47,9 +48,7 @@ def align(
         >>> similarity[0, 0].round(3), similarity[2, 3].round(3)
         (np.float64(0.2), np.float64(1.0))
     """
-    check_positive("tolerance", tolerance)
-    check_count("num_trials", num_trials)
-    check_count("seed", seed, 0)
+    check_arguments(align, locals(), tolerance=(check_positive,), seed=(0,))
     if coordinates.shape != points.shape or coordinates.ndim != 2 or coordinates.shape[1] != 3:
         raise ValueError(f"coordinates and points must both be (M, 3), got {coordinates.shape} and {points.shape}")
     if len(points) < _MIN_PAIRS:

@@ -8,7 +8,7 @@ from typing import Literal, overload
 
 import numpy as np
 
-from kfit.core.check import check_choice, check_text
+from kfit.core.arguments import check_arguments
 from kfit.data.nocs_frame import CAMERA_INTRINSICS, REAL_INTRINSICS, NOCSFrame, read_frame
 
 Split = Literal["camera_train", "camera_val", "real_train", "real_test"]
@@ -48,8 +48,7 @@ class NOCSFrames(Sequence[NOCSFrame]):
     """
 
     def __init__(self, root: str | Path, split: Split) -> None:
-        check_text("root", root)
-        check_choice("split", split, _PLACES)
+        check_arguments(NOCSFrames, locals())
         root = Path(root)
         folder = next((root / place for place in _PLACES[split] if (root / place).is_dir()), None)
         if folder is None:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from kfit.core.check import check_text
+from kfit.core.arguments import check_arguments
 from kfit.data.annotated_frame import WORDS, AnnotatedFrame, AnnotatedObject
 from kfit.data.annotated_frames import AnnotatedFrames
 
@@ -34,8 +34,7 @@ class ObjectronFrames(AnnotatedFrames):
     """
 
     def __init__(self, annotation: str, images: str) -> None:
-        check_text("annotation", annotation)
-        check_text("images", images)
+        check_arguments(ObjectronFrames, locals())
         self.file = Path(annotation)
         if not self.file.is_file():
             raise FileNotFoundError(f"there is no annotation {annotation}")

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from kfit.core.check import check_count, check_list, check_range
+from kfit.core.arguments import check_arguments
 from kfit.data.light import Light
 from kfit.data.mesh import Mesh
 from kfit.geometry import UNIT_FRACTION
@@ -74,8 +74,7 @@ def render(
         >>> render(mug, standard_pose(0.5, 0.3), standard_intrinsics(64), (64, 64), light).image.shape
         (64, 64, 3)
     """
-    check_list("size", size, 2, check_count)
-    check_count("supersample", supersample, 1, 16)
+    check_arguments(render, locals(), supersample=(1, 16))
     height, width = size
     rotation, shift = world2cam[:3, :3], world2cam[:3, 3]
     along = -(mesh.vertices @ rotation[2] + shift[2])
@@ -135,14 +134,10 @@ def pose_view(
         >>> view.image.shape, bool(view.mask[32, 32] > 0.5)
         ((64, 64, 3), True)
     """
-    check_range("elevation", elevation)
-    check_range("azimuth", azimuth)
-    check_count("image_size", image_size)
-    check_range("distance", distance, 1, 1e6)
-    check_range("unit_fraction", unit_fraction, 0.1, 10)
+    check_arguments(pose_view, locals(), distance=(1, 1e6), unit_fraction=(0.1, 10))
     return render(
         mesh,
-        standard_pose(elevation, azimuth, distance),
+        standard_pose(float(elevation), float(azimuth), distance),
         standard_intrinsics(image_size, distance, unit_fraction),
         (image_size, image_size),
         light,
@@ -167,7 +162,7 @@ def standard_intrinsics(
     The sphere of unit diameter, which holds every normalised object, has a silhouette ``unit_fraction`` times as wide
     as the picture at any distance D: ``focal = unit_fraction · image_size · √(D² − 1/4)``.
     """
-    check_range("distance", distance, 1, 1e6)
+    check_arguments(standard_intrinsics, locals(), distance=(1, 1e6))
     focal, centre = unit_fraction * image_size * np.sqrt(distance**2 - 0.25), (image_size - 1) / 2
     return np.array([[focal, 0, centre], [0, focal, centre], [0, 0, 1]])
 

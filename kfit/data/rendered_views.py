@@ -14,7 +14,8 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track
 
-from kfit.core.check import check_choice, check_count, check_list, check_range, check_rising, check_text
+from kfit.core.arguments import check_arguments
+from kfit.core.check import check_choice, check_list, check_rising
 from kfit.data import shapes
 from kfit.data.drawn_objects import DrawnObjects, in_order
 from kfit.data.mesh_places import MeshFile, as_mesh_file, check_mesh_file, source_identity
@@ -79,21 +80,20 @@ def build_views(
         >>> Views("views.h5").images.shape
         (2, 16, 16, 3)
     """
-    check_text("path", path)
+    check_arguments(
+        build_views,
+        locals(),
+        seed=(0,),
+        elevation_deg=(check_rising, -90, 90),
+        upright=(0, 1),
+        distance=(check_rising, 1, 1e6),
+        unit_fraction=(0.1, 10),
+        supersample=(1, 16),
+    )
     if isinstance(source, str):
         check_choice("source", source, shapes.CATEGORIES)
     elif not isinstance(source, Category):
         check_list("source", source, None, check_mesh_file)
-    check_count("num_objects", num_objects)
-    check_count("num_views", num_views)
-    check_count("image_size", image_size)
-    check_count("seed", seed, 0)
-    check_choice("held_out", held_out, (False, True))
-    check_rising("elevation_deg", elevation_deg, -90, 90)
-    check_range("upright", upright, 0, 1)
-    check_rising("distance", distance, 1, 1e6)
-    check_range("unit_fraction", unit_fraction, 0.1, 10)
-    check_count("supersample", supersample, 1, 16)
     drawn = source if isinstance(source, str | Category) else [as_mesh_file(file) for file in source]
     settings: dict[str, Any] = {
         "source": source_identity(drawn),

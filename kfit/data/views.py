@@ -9,7 +9,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from kfit.core.check import check_count, check_text
+from kfit.core.arguments import check_arguments
 from kfit.data.hdf5 import read_dataset
 from kfit.data.view_parts import FIELDS
 from kfit.geometry import azimuth_from_released
@@ -46,9 +46,7 @@ class Views:
     """
 
     def __init__(self, path: str | Path, num_views: int | None = None) -> None:
-        check_text("path", path)
-        if num_views is not None:
-            check_count("num_views", num_views)
+        check_arguments(Views, locals())
         path = Path(path)
         if not path.is_file():
             wrong = "is no regular file" if path.exists() else "does not exist"

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from kfit.core.check import check_text
+from kfit.core.arguments import check_arguments
 from kfit.data.annotated_frame import WORDS, AnnotatedFrame, AnnotatedObject
 from kfit.data.annotated_frames import AnnotatedFrames
 from kfit.data.nocs_frame import read_picture
@@ -27,8 +27,7 @@ class Wild6DFrames(AnnotatedFrames):
     """
 
     def __init__(self, root: str, category: str) -> None:
-        check_text("root", root)
-        check_text("category", category)
+        check_arguments(Wild6DFrames, locals())
         self.root, self.category = Path(root), category
         folder = self.root / "pkl_annotations" / category
         self.files = sorted(folder.glob("*.pkl"))

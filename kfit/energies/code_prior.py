@@ -5,7 +5,7 @@ from __future__ import annotations
 from torch import Tensor
 
 from kfit.core import ResidualPrior
-from kfit.core.check import check_text
+from kfit.core.arguments import check_arguments
 
 
 class CodePrior(ResidualPrior):
@@ -28,7 +28,7 @@ class CodePrior(ResidualPrior):
 
     def __init__(self, on: str = "code") -> None:
         super().__init__()
-        check_text("CodePrior: on", on)
+        check_arguments(CodePrior, locals())
         self.on = on
 
     def residuals(self, value: Tensor, prepared: None = None) -> Tensor:

@@ -8,7 +8,8 @@ import torch
 from torch import Tensor
 
 from kfit.core import Observation, ResidualPrior
-from kfit.core.check import check_positive, check_range
+from kfit.core.arguments import check_arguments
+from kfit.core.check import check_positive
 from kfit.geometry import distance_by_focal
 
 # Standard deviation of the logarithm of focal lengths over the photo's longer side, about a median of 1.2 (the focal
@@ -54,8 +55,7 @@ class LensPrior(ResidualPrior):
 
     def __init__(self, diagonal: float, unit_fraction: float) -> None:
         super().__init__()
-        check_positive("LensPrior: diagonal", diagonal)
-        check_range("LensPrior: unit_fraction", unit_fraction, 0.1, 10.0)
+        check_arguments(LensPrior, locals(), diagonal=(check_positive,), unit_fraction=(0.1, 10.0))
         self.diagonal, self.unit_fraction = diagonal, unit_fraction
 
     def prepare(self, observation: Observation) -> Tensor:

@@ -9,7 +9,8 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from kfit.core import Energy
-from kfit.core.check import check_count, check_shape
+from kfit.core.arguments import check_arguments
+from kfit.core.check import check_shape
 from kfit.energies.weighting import fill_background, normalized_weights
 
 # The square of about one grey level of 256: flatter windows hold noise alone.
@@ -46,7 +47,7 @@ class LocalNCC(Energy):
 
     def __init__(self, window_size: int = 9) -> None:
         super().__init__()
-        check_count("window_size", window_size, 3)
+        check_arguments(LocalNCC, locals(), window_size=(3,))
         if window_size % 2 == 0:
             raise ValueError(f"window_size must be odd and at least 3, got {window_size}")
         self.window_size = window_size

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from kfit.core import ResidualEnergy
-from kfit.core.check import check_choice
+from kfit.core.arguments import check_arguments
 from kfit.energies.weighting import fill_background, root_weights
 from kfit.features import VGG16, AlexNet, FeatureNetwork
 
@@ -51,7 +51,7 @@ class LPIPS(ResidualEnergy):
     def __init__(self, backbone: Literal["alex", "vgg"] = "alex", weights: str | None = None) -> None:
         super().__init__()
         self.network: FeatureNetwork
-        check_choice("backbone", backbone, ("alex", "vgg"))
+        check_arguments(LPIPS, locals())
         if backbone == "alex":
             self.network = AlexNet(tuple(f"relu{number}" for number in range(1, 6)), weights)
         else:

@@ -10,7 +10,8 @@ from kornia.filters import filter2d_separable, get_gaussian_kernel1d
 from torch import Tensor
 
 from kfit.core import Energy
-from kfit.core.check import check_count, check_shape
+from kfit.core.arguments import check_arguments
+from kfit.core.check import check_shape
 from kfit.energies.weighting import fill_background, normalized_weights
 
 # Wang et al. 2003, section 3.2: exponents of the scales measured on observers, the finest first
@@ -55,9 +56,7 @@ class MSSSIM(Energy):
 
     def __init__(self, num_scales: int | None = None, window_size: int = 11) -> None:
         super().__init__()
-        if num_scales is not None:
-            check_count("num_scales", num_scales, 1, len(_EXPONENTS))
-        check_count("window_size", window_size)
+        check_arguments(MSSSIM, locals(), num_scales=(1, len(_EXPONENTS)))
         if window_size % 2 == 0:
             raise ValueError(f"window_size must be odd and positive, got {window_size}")
         self.num_scales, self.window_size = num_scales, window_size

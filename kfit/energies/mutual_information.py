@@ -9,7 +9,8 @@ from kornia.losses.mutual_information import xu_kernel
 from torch import Tensor
 
 from kfit.core import Energy
-from kfit.core.check import check_count, check_shape
+from kfit.core.arguments import check_arguments
+from kfit.core.check import check_shape
 from kfit.energies.weighting import fill_background, normalized_weights
 
 
@@ -48,7 +49,7 @@ class MutualInformation(Energy):
 
     def __init__(self, num_bins: int = 32) -> None:
         super().__init__()
-        check_count("num_bins", num_bins, 2)
+        check_arguments(MutualInformation, locals(), num_bins=(2,))
         self.num_bins = num_bins
 
     def prepare(self, target: Any, weight: Tensor | None = None) -> Any:

@@ -10,7 +10,8 @@ import torch
 from torch import Tensor, nn
 
 from kfit.core import ResidualEnergy, frozen
-from kfit.core.check import check_choice, check_names
+from kfit.core.arguments import check_arguments
+from kfit.core.check import check_names
 from kfit.energies.weighting import fill_background, normalized_weights, root_weights
 from kfit.features import FeatureNetwork
 
@@ -51,9 +52,7 @@ class Perceptual(ResidualEnergy):
         self, network: FeatureNetwork | nn.Module, squared: bool = True, normalize: bool | None = None
     ) -> None:
         super().__init__()
-        check_choice("Perceptual: squared", squared, (False, True))
-        if normalize is not None:
-            check_choice("Perceptual: normalize", normalize, (False, True))
+        check_arguments(Perceptual, locals())
         self.network = frozen(network)
         self.mixed = getattr(network, "mixed", True)
         self.squared, self.normalize = squared, normalize

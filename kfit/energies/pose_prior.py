@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from kfit.core import Observation, Prior, frozen
-from kfit.core.check import check_range
+from kfit.core.arguments import check_arguments
 from kfit.geometry.pose_network import PoseNetwork
 
 
@@ -48,7 +48,7 @@ class PosePrior(Prior):
 
     def __init__(self, head: PoseNetwork, floor: float = 1e-3) -> None:
         super().__init__()
-        check_range("PosePrior: floor", floor, 1e-6, 0.5)
+        check_arguments(PosePrior, locals(), floor=(1e-6, 0.5))
         self.head, self.floor = frozen(head), floor
 
     def prepare(self, observation: Observation) -> Tensor:

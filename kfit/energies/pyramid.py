@@ -11,7 +11,7 @@ from kornia.geometry.transform import pyrdown
 from torch import Tensor
 
 from kfit.core import Energy, ResidualEnergy
-from kfit.core.check import check_count
+from kfit.core.arguments import check_arguments
 from kfit.energies.weighting import fill_background
 
 
@@ -45,7 +45,7 @@ class Pyramid(Energy):
 
     def __init__(self, energy: Energy, num_levels: int = 3) -> None:
         super().__init__()
-        check_count("num_levels", num_levels)
+        check_arguments(Pyramid, locals())
         self.energy, self.num_levels = energy, num_levels
         self.on, self.mixed, self.unit_range = energy.on, energy.mixed, energy.unit_range
 

@@ -11,6 +11,7 @@ from kornia.losses import cauchy_loss, charbonnier_loss, geman_mcclure_loss, wel
 from torch import Tensor
 
 from kfit.core import ResidualEnergy
+from kfit.core.arguments import check_arguments
 from kfit.core.check import check_positive, check_shape
 from kfit.energies.weighting import fill_background, root_weights
 
@@ -23,7 +24,7 @@ class _Robust(ResidualEnergy):
 
     def __init__(self, scale: float = 0.1) -> None:
         super().__init__()
-        check_positive("scale", scale)
+        check_arguments(type(self), locals(), scale=(check_positive,))
         self.scale = scale
 
     def prepare(self, target: Any, weight: Tensor | None = None) -> Any:

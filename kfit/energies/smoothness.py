@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from kfit.core import Prior, ResidualPrior
-from kfit.core.check import check_text
+from kfit.core.arguments import check_arguments
 from kfit.core.pictures import at_least_single, check_pictures
 
 
@@ -36,7 +36,7 @@ class TotalVariation(Prior):
 
     def __init__(self, on: str) -> None:
         super().__init__()
-        check_text("TotalVariation: on", on)
+        check_arguments(TotalVariation, locals())
         self.on = on
 
     def forward(self, value: Any, prepared: None = None) -> Tensor:
@@ -70,7 +70,7 @@ class BendingEnergy(ResidualPrior):
 
     def __init__(self, on: str) -> None:
         super().__init__()
-        check_text("BendingEnergy: on", on)
+        check_arguments(BendingEnergy, locals())
         self.on = on
 
     def residuals(self, value: Any, prepared: None = None) -> Tensor:

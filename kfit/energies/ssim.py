@@ -8,7 +8,8 @@ from kornia.metrics import ssim, ssim3d
 from torch import Tensor
 
 from kfit.core import Energy
-from kfit.core.check import check_count, check_shape
+from kfit.core.arguments import check_arguments
+from kfit.core.check import check_shape
 from kfit.core.pictures import check_pictures
 from kfit.energies.weighting import fill_background, normalized_weights
 
@@ -44,7 +45,7 @@ class SSIM(Energy):
 
     def __init__(self, window_size: int = 11) -> None:
         super().__init__()
-        check_count("window_size", window_size)
+        check_arguments(SSIM, locals())
         if window_size % 2 == 0:
             raise ValueError(f"window_size must be odd and positive, got {window_size}")
         self.window_size = window_size

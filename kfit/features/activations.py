@@ -10,7 +10,8 @@ from typing import Any
 from torch import Tensor, nn
 
 from kfit.core import frozen
-from kfit.core.check import check_count, check_list, check_names, check_text
+from kfit.core.arguments import check_arguments
+from kfit.core.check import check_names
 from kfit.features.network import FeatureNetwork
 
 # Activations of the current call, filled by hooks. Threads share networks, and each thread has its own context.
@@ -58,9 +59,7 @@ class Activations(FeatureNetwork):
         std: tuple[float, float, float] = (0.229, 0.224, 0.225),
     ) -> None:
         super().__init__(mean, std)
-        check_list("layers", layers, None, check_text)
-        if num_prefix_tokens is not None:
-            check_count("num_prefix_tokens", num_prefix_tokens, 0)
+        check_arguments(Activations, locals(), num_prefix_tokens=(0,))
         self.network, self.layers, self.num_prefix_tokens = frozen(network), tuple(layers), num_prefix_tokens
         modules = dict(self.network.named_modules())
         check_names("layers", layers, modules)

@@ -7,7 +7,8 @@ from abc import ABC, abstractmethod
 import torch
 from torch import Tensor, nn
 
-from kfit.core.check import check_list, check_positive, check_range, check_shape
+from kfit.core.arguments import check_arguments
+from kfit.core.check import check_list, check_positive, check_shape
 from kfit.core.part import Part
 
 
@@ -42,8 +43,7 @@ class FeatureNetwork(Part, nn.Module, ABC):
         std: tuple[float, float, float] = (0.229, 0.224, 0.225),
     ) -> None:
         super().__init__()
-        check_list("mean", mean, 3, check_range)
-        check_list("std", std, 3, check_positive)
+        check_arguments(FeatureNetwork, locals(), std=(check_list, 3, check_positive))
         self.mean: Tensor
         self.std: Tensor
         self.register_buffer("mean", torch.tensor(mean, dtype=torch.float32).view(1, 3, 1, 1), persistent=False)

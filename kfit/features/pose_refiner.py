@@ -12,7 +12,8 @@ from safetensors.torch import load_file
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from kfit.core.check import check_count, check_list, check_text
+from kfit.core.arguments import check_arguments
+from kfit.core.check import check_count
 from kfit.features.convolutions import Residual, convolution
 from kfit.geometry.refiner_network import PoseUpdate, RefinerNetwork
 from kfit.runtime.torch_file import read_torch
@@ -59,11 +60,8 @@ class PoseRefiner(RefinerNetwork):
         image_size: int = 64,
     ) -> None:
         super().__init__()
-        check_list("PoseRefiner: channels", channels, None, check_count, 4, 4096)
-        check_count("PoseRefiner: hidden_dim", hidden_dim, 1, 4096)
-        check_count("PoseRefiner: image_size", image_size, 2 ** len(channels), 1024)
-        if weights is not None:
-            check_text("PoseRefiner: weights", weights)
+        check_arguments(PoseRefiner, locals(), channels=(4,))
+        check_count("PoseRefiner: image_size", image_size, 2 ** len(channels))
         self.image_size = image_size
         self.trunk = nn.Sequential()
         for a, b in pairwise((8, *channels)):

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor, nn
 
 from kfit.core import Callback, Energy, Generator, Initializer, Observation, Optimizer, Prior, Schedule, Selector
-from kfit.core.check import check_count, check_dict, check_names, check_range
+from kfit.core.check import check_dict, check_names, check_range
 
 
 def check_parts(
@@ -70,21 +70,14 @@ def _check_names(generator: Generator, energies: Mapping[str, Any], initializers
         raise ValueError(f"initializers: {', '.join(twice)} set by two initializers; each variable needs one")
 
 
-def check_numbers(num_starts: Any, num_steps: Any, num_candidates: Any, history: Any, min_overlap: Any) -> None:
-    """Check that the numeric settings of a fit are numbers within their ranges.
+def check_candidates(num_candidates: int | None, num_starts: int) -> None:
+    """Refuse fewer candidates than starts, which are chosen among them.
 
     Raises:
-        TypeError, ValueError: naming the setting.
+        ValueError: naming both numbers.
     """
-    check_count("num_starts", num_starts)
-    check_count("num_steps", num_steps, 0)
-    if num_candidates is not None:
-        check_count("num_candidates", num_candidates)
-        if num_candidates < num_starts:
-            raise ValueError(f"num_candidates must be at least num_starts, {num_starts}, got {num_candidates}")
-    if not isinstance(history, bool):
-        check_count("history", history)
-    check_range("min_overlap", min_overlap, 0, 1)
+    if num_candidates is not None and num_candidates < num_starts:
+        raise ValueError(f"num_candidates must be at least num_starts, {num_starts}, got {num_candidates}")
 
 
 def check_weights(energies: Mapping[str, Any], weights: Any, rank_weights: Any) -> None:

@@ -24,11 +24,12 @@ from kfit.core import (
     Variables,
     frozen,
 )
+from kfit.core.arguments import check_arguments
 from kfit.core.check import check_count, check_names
 from kfit.core.frozen import networks_of, with_frozen_networks
 from kfit.features import FeatureNetwork
 from kfit.fitting.check_outputs import check_memory, check_state
-from kfit.fitting.check_parts import check_callbacks, check_numbers, check_observation, check_parts, check_weights
+from kfit.fitting.check_parts import check_callbacks, check_candidates, check_observation, check_parts, check_weights
 from kfit.fitting.objective import Objective
 from kfit.fitting.prepared_terms import PreparedTerms
 from kfit.fitting.recipe import recipe_text
@@ -102,7 +103,8 @@ class FitPipeline(nn.Module):
         min_overlap: float = 0.25,
     ) -> None:
         super().__init__()
-        check_numbers(num_starts, num_steps, num_candidates, history, min_overlap)
+        check_arguments(FitPipeline, locals(), num_steps=(0,), min_overlap=(0, 1))
+        check_candidates(num_candidates, num_starts)
         check_parts(generator, energies, initializers, optimizer, selector, callbacks)
         check_weights(energies, weights, rank_weights)
         self.generator: Generator = frozen(generator)
@@ -110,10 +112,9 @@ class FitPipeline(nn.Module):
         self.initializers = tuple(with_frozen_networks(initializer) for initializer in initializers)
         self.optimizer = with_frozen_networks(optimizer)
         self.weights: dict[str, float | Schedule] = {**dict.fromkeys(energies, 1.0), **(weights or {})}
-        self.rank_weights = rank_weights
         self.selector, self.callbacks = selector or LowestEnergy(), tuple(callbacks)
         self.num_starts, self.num_steps, self.history, self.min_overlap = num_starts, num_steps, history, min_overlap
-        self.num_candidates = num_starts if num_candidates is None else num_candidates
+        self.rank_weights, self.num_candidates = rank_weights, num_candidates or num_starts
         if not any((rank_weights or self.weights_at(num_steps)).values()):
             raise ValueError("rank_weights must hold a number other than 0, or no start is better than another")
         # Initializers and optimizers are no modules: their networks are registered here, so that `to` moves them too.
@@ -199,8 +200,7 @@ class FitPipeline(nn.Module):
         """
         check_observation(observation)
         check_callbacks(callbacks)
-        if seed is not None:
-            check_count("seed", seed, 0)
+        check_count("seed", 0 if seed is None else seed, 0)
         # `trainer.predict` enables inference mode, in which gradients are not available.
         with torch.inference_mode(False), torch.no_grad():
             if any(tensor.is_inference() for tensor in vars(observation).values() if isinstance(tensor, Tensor)):

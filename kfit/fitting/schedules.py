@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 
 from kfit.core import Schedule
+from kfit.core.arguments import check_arguments
 from kfit.core.check import check_list, check_range
 
 
@@ -25,8 +26,7 @@ class Linear(Schedule):
     """
 
     def __init__(self, start: float, end: float) -> None:
-        check_range("start", start)
-        check_range("end", end)
+        check_arguments(Linear, locals())
         self.start, self.end = start, end
 
     def __call__(self, step: int, num_steps: int) -> float:
@@ -51,8 +51,7 @@ class Cosine(Schedule):
     """
 
     def __init__(self, start: float, end: float) -> None:
-        check_range("start", start)
-        check_range("end", end)
+        check_arguments(Cosine, locals())
         self.start, self.end = start, end
 
     def __call__(self, step: int, num_steps: int) -> float:

@@ -9,7 +9,8 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from kfit.core import Encoder
-from kfit.core.check import check_choice, check_count, check_list
+from kfit.core.arguments import check_arguments
+from kfit.core.check import check_count
 from kfit.runtime.old_weights import read_old_weights
 
 # Tints of objects differ by about 0.1; this scales them to the size of the other features.
@@ -54,13 +55,9 @@ class ConvEncoder(Encoder):
         bounded: bool = False,
     ) -> None:
         super().__init__()
-        check_count("ConvEncoder: code_dim", code_dim)
-        check_list("ConvEncoder: channels", channels, None, check_count)
-        check_count("ConvEncoder: hidden_dim", hidden_dim)
+        check_arguments(ConvEncoder, locals(), tint_grid=(0,))
         check_count("ConvEncoder: image_size", image_size, 2 ** len(channels))
         check_count("ConvEncoder: tint_grid", tint_grid, 0, image_size)
-        check_choice("ConvEncoder: instance_norm", instance_norm, (False, True))
-        check_choice("ConvEncoder: bounded", bounded, (False, True))
         layers: list[nn.Module] = []
         for index, (a, b) in enumerate(zip((3, *channels[:-1]), channels, strict=True)):
             layers += [nn.Conv2d(a, b, 3, 2, 1), nn.LeakyReLU(0.2)]

@@ -6,7 +6,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from kfit.core.check import check_count
+from kfit.core.arguments import check_arguments
 
 
 class ExtentsHead(nn.Module):
@@ -25,8 +25,7 @@ class ExtentsHead(nn.Module):
 
     def __init__(self, code_dim: int = 16, hidden_dim: int = 64) -> None:
         super().__init__()
-        check_count("ExtentsHead: code_dim", code_dim)
-        check_count("ExtentsHead: hidden_dim", hidden_dim)
+        check_arguments(ExtentsHead, locals())
         self.layers = nn.Sequential(nn.Linear(code_dim, hidden_dim), nn.LeakyReLU(0.2), nn.Linear(hidden_dim, 3))
 
     def forward(self, code: Tensor) -> Tensor:

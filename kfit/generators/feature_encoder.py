@@ -7,7 +7,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from kfit.core import Encoder
-from kfit.core.check import check_count
+from kfit.core.arguments import check_arguments
 from kfit.features import EfficientNetLite0, FeatureNetwork
 from kfit.generators.encoder import FIRST_LOG_VARIANCE, TINT_GAIN
 from kfit.runtime.old_weights import read_old_weights
@@ -47,9 +47,7 @@ class FeatureEncoder(Encoder):
         hidden_dim: int = 256,
     ) -> None:
         super().__init__()
-        check_count("FeatureEncoder: code_dim", code_dim)
-        check_count("FeatureEncoder: feature_dim", feature_dim)
-        check_count("FeatureEncoder: hidden_dim", hidden_dim, 2)
+        check_arguments(FeatureEncoder, locals(), hidden_dim=(2,))
         self.features = features or EfficientNetLite0((2, 5, 7))
         with torch.no_grad():
             widths = [

@@ -9,7 +9,7 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from kfit.core import Angle, Generator, Positive, Rendering, Variable
-from kfit.core.check import check_count, check_range
+from kfit.core.arguments import check_arguments
 from kfit.generators.splat import DEPTH_SOFTNESS, SurfacePoints
 from kfit.geometry import UNIT_FRACTION, focal_by_distance, rotation_from_angles
 
@@ -70,9 +70,7 @@ class MeshRenderer(Generator):
         unit_fraction: float = UNIT_FRACTION,
     ) -> None:
         super().__init__()
-        check_count("MeshRenderer: image_size", image_size)
-        check_range("MeshRenderer: unit_fraction", unit_fraction, 0.1, 10.0)
-        check_range("MeshRenderer: distance", distance, 1, 1e6)
+        check_arguments(MeshRenderer, locals(), unit_fraction=(0.1, 10.0), distance=(1, 1e6))
         self.variables = {
             "azimuth": Variable((), Angle()),
             "elevation": Variable((), Angle()),

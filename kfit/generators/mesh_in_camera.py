@@ -10,7 +10,8 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from kfit.core import SO3, Generator, Observation, Rendering, Variable
-from kfit.core.check import check_count, check_list, check_shape
+from kfit.core.arguments import check_arguments
+from kfit.core.check import check_shape
 from kfit.generators.splat import DEPTH_SOFTNESS, SurfacePoints
 
 
@@ -64,7 +65,7 @@ class MeshInCamera(Generator):
         num_points: int = 8192,
     ) -> None:
         super().__init__()
-        check_list("MeshInCamera: image_size", image_size, 2, check_count)
+        check_arguments(MeshInCamera, locals())
         self.variables = {"rotation": Variable((3, 3), SO3()), "translation": Variable((3,))}
         self.image_size = (image_size[0], image_size[1])
         self.surface = SurfacePoints("MeshInCamera", vertices, faces, uv, texture, num_points)

@@ -8,7 +8,7 @@ from dataclasses import replace
 from torch import Tensor
 
 from kfit.core import Generator, Observation, Positive, Rendering, Variable
-from kfit.core.check import check_range
+from kfit.core.arguments import check_arguments
 from kfit.geometry.camera import distance_by_focal
 
 
@@ -43,7 +43,7 @@ class MetricDepth(Generator):
             raise ValueError(f"MetricDepth: the generator must have a scale, it has {', '.join(generator.variables)}")
         if "distance" in generator.variables:
             raise ValueError("MetricDepth: the generator has distance already")
-        check_range("MetricDepth: unit_fraction", unit_fraction, 0.1, 10.0)
+        check_arguments(MetricDepth, locals(), unit_fraction=(0.1, 10.0))
         self.generator, self.unit_fraction = generator, unit_fraction
         own = {name: Variable((), Positive()) for name in ("focal", "distance")}
         self.variables = {**own, **generator.variables}

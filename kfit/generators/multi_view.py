@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from kfit.core import Generator, Observation, Positive, Rendering, Variable
-from kfit.core.check import check_count, check_range
+from kfit.core.arguments import check_arguments
 from kfit.geometry import (
     Crop,
     angles_from_rotation,
@@ -57,8 +57,7 @@ class MultiView(Generator):
         super().__init__()
         if missing := [name for name in PLACING if name not in generator.variables]:
             raise ValueError(f"MultiView: the generator must have {', '.join(PLACING)}; it lacks {', '.join(missing)}")
-        check_count("MultiView: image_size", image_size)
-        check_range("MultiView: unit_fraction", unit_fraction, 0.1, 10.0)
+        check_arguments(MultiView, locals(), unit_fraction=(0.1, 10.0))
         self.generator, self.image_size, self.unit_fraction = generator, image_size, unit_fraction
         self.variables = {**generator.variables, "diagonal": Variable((), Positive())}
 

@@ -10,7 +10,8 @@ import torch
 from torch import Tensor
 
 from kfit.core import Angle, Bounded, Generator, Positive, Real, Rendering, Variable
-from kfit.core.check import check_names, check_shape, check_text
+from kfit.core.arguments import check_arguments
+from kfit.core.check import check_names, check_shape
 
 SPACES = {space.__name__: space for space in (Real, Positive, Bounded, Angle)}
 FIELDS = ("image", "mask", "depth", "weight")
@@ -39,7 +40,7 @@ class OnnxGenerator(Generator):
 
     def __init__(self, path: str | Path) -> None:
         super().__init__()
-        check_text("OnnxGenerator: path", path)
+        check_arguments(OnnxGenerator, locals())
         if not Path(path).is_file():
             raise FileNotFoundError(f"no ONNX file at {path}; `kfit export` writes generator.onnx")
         import onnxruntime  # type: ignore[import-untyped]  # imported here, because it takes 0.3 s

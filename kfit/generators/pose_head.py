@@ -10,7 +10,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from kfit.core.check import check_count, check_list, check_range, check_rising
+from kfit.core.arguments import check_arguments
+from kfit.core.check import check_count, check_rising
 from kfit.features.convolutions import Residual, convolution
 from kfit.generators.rotation_head import _bins, azimuth_bins
 from kfit.geometry import Symmetry, check_symmetry
@@ -55,13 +56,16 @@ class PoseHead(PoseNetwork):
         sigma_deg: float = 6.0,
         image_size: int = 64,
     ) -> None:
-        check_symmetry("PoseHead: symmetry", symmetry)
-        check_list("PoseHead: channels", channels, None, check_count, 4)
-        check_count("PoseHead: hidden_dim", hidden_dim)
+        check_arguments(
+            PoseHead,
+            locals(),
+            symmetry=(check_symmetry,),
+            channels=(4,),
+            bin_deg=(1, 90),
+            sigma_deg=(0.1, 90),
+            elevation_deg=(check_rising, -90, 90),
+        )
         check_count("PoseHead: image_size", image_size, 2 ** len(channels))
-        check_range("PoseHead: bin_deg", bin_deg, 1, 90)
-        check_range("PoseHead: sigma_deg", sigma_deg, 0.1, 90)
-        check_rising("PoseHead: elevation_deg", elevation_deg, -90, 90)
         low, high = elevation_deg
         super().__init__(
             rolls=torch.zeros(1),

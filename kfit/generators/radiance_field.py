@@ -10,8 +10,9 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from kfit.core import Angle, Generator, Positive, Rendering, Variable, Variables
+from kfit.core.arguments import check_arguments
 from kfit.core.bound import bind_code
-from kfit.core.check import check_choice, check_count, check_list, check_range, check_shape
+from kfit.core.check import check_list, check_range, check_shape
 from kfit.generators.adain import AdaIN
 from kfit.generators.ray_march import EMPTY, RayMarch
 from kfit.generators.refinement import Refinement
@@ -88,14 +89,13 @@ class RadianceField(Generator):
         refined: bool = True,
     ) -> None:
         super().__init__()
-        check_count("RadianceField: code_dim", code_dim)
-        check_list("RadianceField: volume_dims", volume_dims, None, check_count)
-        check_count("RadianceField: num_samples", num_samples)
-        check_count("RadianceField: image_size", image_size)
-        check_range("RadianceField: distance", distance, 1.0, 1e6)
-        check_range("RadianceField: unit_fraction", unit_fraction, 0.1, 10.0)
-        check_list("RadianceField: sides", sides, 3, check_range, 1e-3, 1.0)
-        check_choice("RadianceField: refined", refined, (False, True))
+        check_arguments(
+            RadianceField,
+            locals(),
+            distance=(1, 1e6),
+            unit_fraction=(0.1, 10),
+            sides=(check_list, 3, check_range, 1e-3, 1),
+        )
         self.variables = {
             "code": Variable((code_dim,)),
             "azimuth": Variable((), Angle()),

@@ -11,7 +11,8 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from kfit.core import Rendering
-from kfit.core.check import check_count, check_list, check_range
+from kfit.core.arguments import check_arguments
+from kfit.core.check import check_count
 from kfit.features.convolutions import Residual, convolution
 from kfit.generators.similarity_warp import warp
 from kfit.geometry import Symmetry, check_symmetry, num_turns
@@ -69,13 +70,16 @@ class RotationHead(PoseNetwork):
         image_size: int = 64,
         upright: float = 0.5,
     ) -> None:
-        check_symmetry("RotationHead: symmetry", symmetry)
-        check_list("RotationHead: channels", channels, None, check_count, 4)
-        check_count("RotationHead: hidden_dim", hidden_dim)
+        check_arguments(
+            RotationHead,
+            locals(),
+            symmetry=(check_symmetry,),
+            channels=(4,),
+            bin_deg=(5, 90),
+            sigma_deg=(0.1, 90),
+            upright=(0, 1),
+        )
         check_count("RotationHead: image_size", image_size, 2 ** len(channels))
-        check_range("RotationHead: bin_deg", bin_deg, 5, 90)
-        check_range("RotationHead: sigma_deg", sigma_deg, 0.1, 90)
-        check_range("RotationHead: upright", upright, 0, 1)
         if 180 % bin_deg:
             raise ValueError(f"RotationHead: bin_deg must divide 180, got {bin_deg:g}")
         turn = _bins(-180, 180, round(360 / bin_deg))

@@ -12,10 +12,10 @@ from kornia.geometry.transform import remap
 from torch import Tensor
 
 from kfit.core import Generator, Observation, Positive, Rendering, Variable
-from kfit.core.check import check_choice, check_count, check_float, check_list, check_range, check_shape
+from kfit.core.arguments import check_arguments
+from kfit.core.check import check_float, check_shape
 from kfit.generators.motions import (
     BENDING,
-    MOTIONS,
     Motion,
     bent,
     matrix_of,
@@ -96,11 +96,7 @@ class Template(Generator):
         single = isinstance(picture, Tensor) and picture.dim() == 3
         check_shape("picture", picture, ("C", "H", "W") if single else ("B", "C", "H", "W"))
         check_float("picture", picture)
-        check_choice("motion", motion, MOTIONS)
-        check_choice("light", light, (False, True))
-        check_count("oversampling", oversampling, 1, 16)
-        check_range("fill", fill)
-        check_list("control", control, 2, check_count, 2)
+        check_arguments(Template, locals(), oversampling=(1, 16), control=(2,))
         mask = torch.ones_like(picture[..., :1, :, :]) if mask is None else mask
         check_shape("mask", mask, tuple(picture[..., :1, :, :].shape))
         picture, mask = (picture[None], mask[None]) if single else (picture, mask)

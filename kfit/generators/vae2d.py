@@ -10,7 +10,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from kfit.core import Angle, Generator, Rendering, Variable
-from kfit.core.check import check_choice, check_count, check_list
+from kfit.core.arguments import check_arguments
 from kfit.generators.adain import AdaIN
 
 SIDE = 4  # of the learned constant; each layer doubles it
@@ -43,9 +43,7 @@ class VAE2D(Generator):
         self, code_dim: int = 16, decoder_dims: Sequence[int] = (256, 256, 256, 128, 64), depth: bool = False
     ) -> None:
         super().__init__()
-        check_count("VAE2D: code_dim", code_dim)
-        check_list("VAE2D: decoder_dims", decoder_dims, None, check_count)
-        check_choice("VAE2D: depth", depth, (False, True))
+        check_arguments(VAE2D, locals())
         self.variables = {
             "code": Variable((code_dim,)),
             "azimuth": Variable((), Angle()),

@@ -11,8 +11,8 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from kfit.core import Angle, Generator, Rendering, Variable
+from kfit.core.arguments import check_arguments
 from kfit.core.bound import bind_code
-from kfit.core.check import check_choice, check_count, check_list
 from kfit.generators.adain import AdaIN
 from kfit.geometry.pose import rotation_from_angles
 
@@ -57,12 +57,7 @@ class VAE3D(Generator):
         mask: bool = True,
     ) -> None:
         super().__init__()
-        check_count("VAE3D: code_dim", code_dim)
-        check_list("VAE3D: volume_dims", volume_dims, None, check_count)
-        check_count("VAE3D: projection_dim", projection_dim)
-        check_list("VAE3D: decoder_dims", decoder_dims, None, check_count)
-        for name, switch in {"rectified": rectified, "depth": depth, "mask": mask}.items():
-            check_choice(f"VAE3D: {name}", switch, (False, True))
+        check_arguments(VAE3D, locals())
         self.variables = {
             "code": Variable((code_dim,)),
             "azimuth": Variable((), Angle()),

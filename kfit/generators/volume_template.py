@@ -11,7 +11,8 @@ from kornia.geometry.transform import warp_affine3d
 from torch import Tensor
 
 from kfit.core import Generator, Observation, Rendering
-from kfit.core.check import check_choice, check_float, check_range, check_shape
+from kfit.core.arguments import check_arguments
+from kfit.core.check import check_float, check_shape
 from kfit.generators.motions import pixel_grid
 from kfit.generators.template import LEAST_COVER, LIGHT
 from kfit.generators.volume_motions import VOLUME_MOTIONS, volume_matrix_of
@@ -65,9 +66,7 @@ class VolumeTemplate(Generator):
         super().__init__()
         check_shape("volume", volume, ("B", "C", "D", "H", "W"))
         check_float("volume", volume)
-        check_choice("motion", motion, VOLUME_MOTIONS)
-        check_choice("light", light, (False, True))
-        check_range("fill", fill)
+        check_arguments(VolumeTemplate, locals())
         mask = torch.ones_like(volume[:, :1]) if mask is None else mask
         check_shape("mask", mask, (len(volume), 1, *volume.shape[2:]))
         self.motion, self.fill, self.size = motion, fill, tuple(volume.shape[2:])

@@ -8,7 +8,7 @@ import torch
 from kornia.geometry.conversions import quaternion_to_rotation_matrix
 from torch import Tensor
 
-from kfit.core.check import check_count, check_range
+from kfit.core.arguments import check_arguments
 from kfit.geometry.crop import Crop
 from kfit.geometry.pose import rotation_from_angles, to_opencv
 
@@ -36,9 +36,7 @@ def intrinsics_from_fov(width: int, height: int, fov_deg: float = 60.0) -> Tenso
                 [  0.0000, 320.0000, 239.5000],
                 [  0.0000,   0.0000,   1.0000]])
     """
-    check_count("width", width)
-    check_count("height", height)
-    check_range("fov_deg", fov_deg, 1, 179)
+    check_arguments(intrinsics_from_fov, locals(), fov_deg=(1, 179))
     return intrinsics_of(max(width, height) / (2 * math.tan(math.radians(fov_deg) / 2)), width, height)
 
 

@@ -7,7 +7,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from typing import Any
 
-from kfit.core.check import check_choice, check_count, check_list, check_names, check_range, check_rising, check_text
+from kfit.core.arguments import check_arguments
+from kfit.core.check import check_names, check_rising
 from kfit.geometry.symmetry import Symmetry, check_symmetry, num_turns
 
 # A diagonal is taken to lie within this factor of the mean where a category has no range.
@@ -65,25 +66,20 @@ class Category:
     front: str | None = None
 
     def __post_init__(self) -> None:
-        check_text("category: name", self.name)
+        check_arguments(
+            Category,
+            vars(self),
+            symmetry=(check_symmetry,),
+            mean_diagonal=(1e-4, 1e4),
+            diagonals=(check_rising, 1e-5, 1e5),
+            unit_fraction=(0.1, 10),
+            sides=(0.01, 1),
+            elevation_deg=(check_rising, -90, 90),
+            upright=(0, 1),
+            nocs_id=(0, 10**6),
+        )
         if not _NAME.fullmatch(self.name):
-            raise ValueError(f"category: name must be a word of letters, digits, - and _, got {self.name!r}")
-        check_range("category: mean_diagonal", self.mean_diagonal, 1e-4, 1e4)
-        check_symmetry("category: symmetry", self.symmetry)
-        if self.diagonals is not None:
-            check_rising("category: diagonals", self.diagonals, 1e-5, 1e5)
-        check_range("category: unit_fraction", self.unit_fraction, 0.1, 10)
-        check_list("category: sides", self.sides, 3, check_range, 0.01, 1)
-        check_text("category: axes", self.axes)
-        check_rising("category: elevation_deg", self.elevation_deg, -90, 90)
-        check_range("category: upright", self.upright, 0, 1)
-        check_choice("category: mirror", self.mirror, (False, True))
-        if self.shapes is not None:
-            check_text("category: shapes", self.shapes)
-        if self.nocs_id is not None:
-            check_count("category: nocs_id", self.nocs_id, 0, 10**6)
-        if self.front is not None:
-            check_text("category: front", self.front)
+            raise ValueError(f"Category: name must be a word of letters, digits, - and _, got {self.name!r}")
         for name in ("diagonals", "sides", "elevation_deg"):  # lists of YAML and JSON
             if (numbers := getattr(self, name)) is not None:
                 object.__setattr__(self, name, tuple(float(number) for number in numbers))

@@ -7,7 +7,8 @@ import math
 import torch
 from torch import Tensor
 
-from kfit.core.check import check_positive, check_range
+from kfit.core.arguments import check_arguments
+from kfit.core.check import check_positive
 from kfit.geometry.pose import rotation_error
 from kfit.geometry.symmetry import Symmetry
 
@@ -38,7 +39,7 @@ def rotation_clusters(
         >>> rotation_clusters(rotation_from_angles(azimuth, zero, zero), torch.tensor([0.2, 0.3, 0.1]))
         tensor([1, 1, 0])
     """
-    check_range("within_deg", within_deg, 0, 180)
+    check_arguments(rotation_clusters, locals(), within_deg=(0, 180))
     near = rotation_error(rotation[:, None], rotation[None], symmetry) <= math.radians(within_deg)
     near |= torch.eye(len(rotation), dtype=torch.bool, device=rotation.device)
     cluster = torch.full_like(energy, -1, dtype=torch.long)
@@ -59,9 +60,9 @@ def energy_weights(energy: Tensor, temperature: float = TEMPERATURE) -> Tensor:
         >>> energy_weights(torch.tensor([0.20, 0.22, 0.40]))
         tensor([7.3103e-01, 2.6893e-01, 3.3189e-05])
     """
-    check_positive("temperature", temperature)
+    check_arguments(energy_weights, locals(), temperature=(check_positive,))
     best = energy.min()
-    return torch.softmax(-(energy - best) / (temperature * best.abs() + 1e-9), 0)
+    return torch.softmax(-(energy - best) / (float(temperature) * best.abs() + 1e-9), 0)
 
 
 def rotation_sigma_deg(rotation: Tensor, weight: Tensor, centre: Tensor, symmetry: Symmetry = "none") -> Tensor:

@@ -12,7 +12,8 @@ from torch import Tensor
 from torch.nn.functional import avg_pool2d, pad
 
 from kfit.core import Observation
-from kfit.core.check import check_count, check_float, check_list, check_positive, check_range, check_shape
+from kfit.core.arguments import check_arguments
+from kfit.core.check import check_float, check_positive, check_shape
 
 # The object spans 77 % of the square, which leaves its edges and some background. The released code adds 30 pixels to
 # the box, which for its boxes of some 100 pixels is the same. Shift and scale compensate the difference.
@@ -52,9 +53,7 @@ class Crop:
     size: int = 64
 
     def __post_init__(self) -> None:
-        check_list("Crop: centre", self.centre, 2, check_range)
-        check_positive("Crop: side", self.side)
-        check_count("Crop: size", self.size)
+        check_arguments(Crop, vars(self), side=(check_positive,))
 
     @staticmethod
     def around(mask: Any, size: int = 64) -> Crop:

@@ -9,7 +9,7 @@ import torch
 from kornia.geometry.conversions import axis_angle_to_rotation_matrix, rotation_matrix_to_axis_angle
 from torch import Tensor, nn
 
-from kfit.core.check import check_choice
+from kfit.core.arguments import check_arguments
 from kfit.core.part import Part
 from kfit.geometry.symmetry import Symmetry
 
@@ -109,7 +109,7 @@ def rotation_update(rotation: Tensor, target: Tensor, symmetry: Symmetry = "none
         >>> rotation_update(torch.eye(3)[None], turned, "y").norm()
         tensor(0.)
     """
-    check_choice("symmetry", symmetry, ("none", "y"))
+    check_arguments(rotation_update, locals())
     if symmetry == "none":
         update: Tensor = rotation_matrix_to_axis_angle(target @ rotation.mT)
         return update

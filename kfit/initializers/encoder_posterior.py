@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from kfit.core import Encoder, Initializer, Observation, Variable, Variables, frozen
-from kfit.core.check import check_range, check_text
+from kfit.core.arguments import check_arguments
 
 
 class EncoderPosterior(Initializer):
@@ -36,8 +36,7 @@ class EncoderPosterior(Initializer):
     """
 
     def __init__(self, encoder: Encoder, on: str = "code", sigma: float = 1.0) -> None:
-        check_text("EncoderPosterior: on", on)
-        check_range("EncoderPosterior: sigma", sigma, 0)
+        check_arguments(EncoderPosterior, locals(), sigma=(0,))
         self.encoder, self.on, self.sigma = frozen(encoder), (on,), sigma
 
     def __call__(

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from kfit.core import Initializer, Observation, Variable, Variables, frozen
-from kfit.core.check import check_range
+from kfit.core.arguments import check_arguments
 from kfit.geometry import angles_from_rotation, rotation_from_angles
 from kfit.geometry.pose_network import PoseNetwork
 from kfit.initializers.sphere_grid import GOLDEN_ANGLE
@@ -50,7 +50,7 @@ class PosePosterior(Initializer):
     on = ("azimuth", "elevation", "roll")
 
     def __init__(self, head: PoseNetwork, apart_deg: float = 20.0) -> None:
-        check_range("PosePosterior: apart_deg", apart_deg, 0, 180)
+        check_arguments(PosePosterior, locals(), apart_deg=(0, 180))
         self.head, self.apart = frozen(head), math.radians(apart_deg)
 
     def __call__(

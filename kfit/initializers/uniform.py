@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import torch
 
 from kfit.core import Initializer, Observation, Variable, Variables
-from kfit.core.check import check_range, check_text
+from kfit.core.arguments import check_arguments
 
 
 class Uniform(Initializer):
@@ -30,9 +30,7 @@ class Uniform(Initializer):
     """
 
     def __init__(self, on: str, low: float, high: float) -> None:
-        check_text("Uniform: on", on)
-        check_range("Uniform: low", low)
-        check_range("Uniform: high", high)
+        check_arguments(Uniform, locals())
         if low > high:
             raise ValueError(f"Uniform: low must not be above high, got {low:g} and {high:g}")
         self.on, self.low, self.high = (on,), low, high

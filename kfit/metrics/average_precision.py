@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from kfit.core.check import check_count
+from kfit.core.arguments import check_arguments
 
 
 def average_precision(matched: NDArray[np.bool_], num_truths: int) -> NDArray[np.float64]:
@@ -28,7 +28,7 @@ def average_precision(matched: NDArray[np.bool_], num_truths: int) -> NDArray[np
         >>> average_precision(np.array([True, False, True]), num_truths=2).round(3)
         np.float64(0.833)
     """
-    check_count("num_truths", num_truths, 0)
+    check_arguments(average_precision, locals(), num_truths=(0,))
     found = matched.cumsum(-1)
     precision = found / np.arange(1, matched.shape[-1] + 1)
     envelope = np.maximum.accumulate(precision[..., ::-1], -1)[..., ::-1]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError  # type: ignore[import-untyped]
 
-from kfit.core.check import check_choice
+from kfit.core.arguments import check_arguments
 
 Array = NDArray[np.floating]
 BoxIoU = Literal["nocs", "axis_aligned", "oriented"]
@@ -118,7 +118,7 @@ def best_iou(kind: BoxIoU, pose_a: Array, size_a: Array, pose_b: Array, size_b: 
         >>> [round(best_iou("oriented", turn, cube, np.eye(4), cube, symmetric), 2) for symmetric in (False, True)]
         [0.71, 0.99]
     """
-    check_choice("kind", kind, _BY_KIND)
+    check_arguments(best_iou, locals())
     with np.errstate(all="ignore"):
         if not symmetric:
             return float(_BY_KIND[kind](pose_a, size_a, pose_b, size_b))

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kfit.core.check import check_list, check_range, check_text
+from kfit.core.arguments import check_arguments
 from kfit.geometry import CATEGORIES
 from kfit.metrics.average_precision import average_precision
 from kfit.metrics.box_iou import Array, BoxIoU
@@ -129,11 +129,7 @@ def evaluate_nocs(
         >>> evaluate_nocs([result]).iou(0.5)[-2]  # mugs
         np.float64(1.0)
     """
-    check_list("degrees", degrees, None, check_range, 0)
-    check_list("shifts", shifts, None, check_range, 0)
-    check_list("ious", ious, None, check_range, 0, 1)
-    check_range("found_iou", found_iou, 0, 1)
-    check_text("poses", poses)
+    check_arguments(evaluate_nocs, locals(), degrees=(0,), shifts=(0,), ious=(0, 1), found_iou=(0, 1))
     degrees, shifts = (*degrees, *ANY_DEGREE), (*shifts, *ANY_SHIFT)
     limits = (*ious, found_iou)
     tallies = {name: _Tally() for name in CATEGORIES}

@@ -9,8 +9,12 @@ import torch
 from torch import Tensor
 
 from kfit.core import Evaluate, Evaluation, Optimizer, Variables
-from kfit.core.check import check_dict, check_list, check_names, check_positive, check_range
+from kfit.core.arguments import check_arguments
+from kfit.core.check import check_dict, check_names, check_positive, check_range
 from kfit.core.rows import broadcast_rows
+
+BETAS = (0, 1 - 1e-9)
+"""Range of the decays of the averages, which are below 1."""
 
 
 class Adam(Optimizer):
@@ -54,8 +58,7 @@ class Adam(Optimizer):
             check_dict("Adam: rates", rates, check_range, 0)  # 0 holds a variable
         else:
             check_positive("Adam: rates", rates)
-        check_betas(betas)
-        check_range("Adam: decay", decay, 1e-6, 1.0)
+        check_arguments(Adam, locals(), betas=BETAS, decay=(1e-6, 1))
         self.rates, self.betas, self.decay = rates, betas, decay
 
     def init(self, raw: Variables, seeds: Tensor) -> Any:
@@ -72,16 +75,6 @@ class Adam(Optimizer):
         fallen = {name: rate * share for name, rate in rates.items()}
         step, memory = adam_step(evaluation.gradient, memory, fallen, self.betas)
         return evaluate.retract(raw, step), evaluation, memory
-
-
-def check_betas(betas: tuple[float, float]) -> None:
-    """Refuse anything but two decays in [0, 1).
-
-    Raises:
-        TypeError: if they are no list of numbers.
-        ValueError: if one lies outside, or they are not two.
-    """
-    check_list("Adam: betas", betas, 2, check_range, 0.0, 1 - 1e-9)
 
 
 def moments(raw: Variables) -> dict[str, Any]:

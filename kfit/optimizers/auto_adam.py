@@ -8,8 +8,9 @@ import torch
 from torch import Tensor
 
 from kfit.core import Evaluate, Evaluation, GradientEvaluation, Optimizer, Rendering, Variables
+from kfit.core.arguments import check_arguments
 from kfit.core.check import check_positive
-from kfit.optimizers.adam import adam_step, check_betas, moments
+from kfit.optimizers.adam import BETAS, adam_step, moments
 from kfit.optimizers.random import normal
 
 
@@ -47,8 +48,7 @@ class AutoAdam(Optimizer):
     """
 
     def __init__(self, change: float = 0.01, betas: tuple[float, float] = (0.5, 0.999)) -> None:
-        check_positive("AutoAdam: change", change)
-        check_betas(betas)
+        check_arguments(AutoAdam, locals(), change=(check_positive,), betas=BETAS)
         self.change, self.betas = change, betas
 
     def init(self, raw: Variables, seeds: Tensor) -> Any:

@@ -9,7 +9,8 @@ import torch
 from torch import Tensor
 
 from kfit.core import Evaluate, Evaluation, Optimizer, Variables
-from kfit.core.check import check_count, check_dict, check_names, check_positive
+from kfit.core.arguments import check_arguments
+from kfit.core.check import check_dict, check_names, check_positive
 from kfit.optimizers.flat import flatten, repeated, unflatten
 from kfit.optimizers.random import normal
 
@@ -51,8 +52,7 @@ class CMAES(Optimizer):
             check_dict("CMAES: sigma", sigma, check_positive)
         else:
             check_positive("CMAES: sigma", sigma)
-        if population is not None:
-            check_count("CMAES: population", population, 4)
+        check_arguments(CMAES, locals(), population=(4,))
         self.sigma, self.population = sigma, population
 
     def init(self, raw: Variables, seeds: Tensor) -> Any:

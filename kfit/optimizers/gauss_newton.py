@@ -10,7 +10,8 @@ from torch import Tensor
 from torch.utils import _pytree as pytree
 
 from kfit.core import Evaluate, Evaluation, Optimizer, Variables
-from kfit.core.check import check_dict, check_names, check_range
+from kfit.core.arguments import check_arguments
+from kfit.core.check import check_names
 from kfit.core.rows import pictures_of
 from kfit.optimizers.flat import flatten, repeated, unflatten
 
@@ -50,9 +51,7 @@ class GaussNewton(Optimizer):
     """
 
     def __init__(self, lengths: dict[str, float], damping: float = 0.01, reach: float = 10.0) -> None:
-        check_dict("GaussNewton: lengths", lengths, check_range, 1e-9)
-        check_range("GaussNewton: damping", damping, 0)
-        check_range("GaussNewton: reach", reach, 1)
+        check_arguments(GaussNewton, locals(), lengths=(1e-9,), damping=(0,), reach=(1,))
         self.lengths, self.damping, self.reach = lengths, damping, reach
 
     def init(self, raw: Variables, seeds: Tensor) -> Any:

@@ -8,7 +8,8 @@ import torch
 from torch import Tensor
 
 from kfit.core import Evaluate, Evaluation, Optimizer, Variables
-from kfit.core.check import check_count, check_positive
+from kfit.core.arguments import check_arguments
+from kfit.core.check import check_positive
 from kfit.optimizers.flat import flatten, unflatten
 
 # Armijo's condition, E(x + t·d) ≤ E(x) + c·t·gᵀd (Nocedal and Wright, section 3.1).
@@ -48,9 +49,7 @@ class LBFGS(Optimizer):
     """
 
     def __init__(self, history: int = 10, first_step: float = 0.03, max_trials: int = 8) -> None:
-        check_count("LBFGS: history", history)
-        check_positive("LBFGS: first_step", first_step)
-        check_count("LBFGS: max_trials", max_trials)
+        check_arguments(LBFGS, locals(), first_step=(check_positive,))
         self.history, self.first_step, self.max_trials = history, first_step, max_trials
 
     def init(self, raw: Variables, seeds: Tensor) -> Any:

@@ -9,7 +9,8 @@ import torch
 from torch import Tensor
 
 from kfit.core import Evaluate, Evaluation, Linearization, Optimizer, Variables
-from kfit.core.check import check_count, check_positive
+from kfit.core.arguments import check_arguments
+from kfit.core.check import check_positive
 from kfit.optimizers.flat import flatten, repeated, unflatten
 from kfit.optimizers.random import normal
 
@@ -62,8 +63,7 @@ class LevenbergMarquardt(Optimizer):
     """
 
     def __init__(self, damping: float = 1e-2, max_trials: int = 4) -> None:
-        check_positive("LevenbergMarquardt: damping", damping)
-        check_count("LevenbergMarquardt: max_trials", max_trials)
+        check_arguments(LevenbergMarquardt, locals(), damping=(check_positive,))
         self.damping, self.max_trials = damping, max_trials
 
     def init(self, raw: Variables, seeds: Tensor) -> Any:

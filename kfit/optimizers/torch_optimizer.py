@@ -9,7 +9,8 @@ import torch
 from torch import Tensor
 
 from kfit.core import Evaluate, Evaluation, Optimizer, Schedule, Variables
-from kfit.core.check import check_count, check_dict, check_names, check_positive, check_range
+from kfit.core.arguments import check_arguments
+from kfit.core.check import check_dict, check_names, check_positive, check_range
 
 
 class TorchOptimizer(Optimizer):
@@ -71,7 +72,7 @@ class TorchOptimizer(Optimizer):
             check_positive("TorchOptimizer: lr", lr)
         if schedule is not None and not isinstance(schedule, Schedule):
             raise TypeError(f"TorchOptimizer: schedule must be a kfit.core.Schedule, got {type(schedule).__name__}")
-        check_count("TorchOptimizer: num_steps", num_steps)
+        check_arguments(TorchOptimizer, locals())
         self.optimizer, self.lr, self.schedule, self.num_steps = optimizer, lr, schedule, num_steps
         self.options = dict(settings or {})
 

@@ -8,7 +8,8 @@ from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-from kfit.core.check import check_dict, check_names, check_range
+from kfit.core.arguments import check_arguments
+from kfit.core.check import check_dict, check_names
 from kfit.geometry import CATEGORIES, Category
 from kfit.pose.confidence import Calibration
 
@@ -78,8 +79,7 @@ class Card:
     def __post_init__(self) -> None:
         check_dict("networks", self.networks, check_dict, _anything)
         check_names("networks", self.networks, (*NETWORKS, *OPTIONAL))
-        check_range("distance", self.distance, 1, 1e6)
-        check_range("pose_weight", self.pose_weight, 0, 1e6)
+        check_arguments(Card, vars(self), distance=(1, 1e6), pose_weight=(0, 1e6))
         check_dict("training", self.training, _anything)
         check_dict("accuracy", self.accuracy, _anything)
         known = self.known  # which checks the fields of the category

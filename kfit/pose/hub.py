@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from kfit.core.check import check_text
+from kfit.core.arguments import check_arguments
 from kfit.runtime.atomic_write import atomic_write
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ def find_model(name: str | Path, revision: str | None = None, offline: bool = Fa
         FileNotFoundError: if there is no such model.
         ValueError: If its content does not match its checksum.
     """
-    check_text("name", name)
+    check_arguments(find_model, locals())
     folder = Path(name)
     if folder.is_dir():
         model, checksum = folder / MODEL, folder / CHECKSUM

@@ -19,7 +19,7 @@ from kfit.core import Encoder, Generator
 from kfit.generators import ExtentsHead
 from kfit.geometry import PoseNetwork
 from kfit.pose.card import LARGEST, NETWORKS, OPTIONAL, Card
-from kfit.pose.network_limits import LimitedSize, check_arguments, check_drawing
+from kfit.pose.network_limits import LimitedSize, check_drawing, check_network_sizes
 from kfit.runtime.atomic_write import atomic_write
 from kfit.runtime.class_paths import current_paths
 from kfit.runtime.torch_file import LARGEST_WEIGHTS, read_torch
@@ -216,7 +216,7 @@ def _filled(settings: Any, name: str, numbers: Mapping[Any, Any], path: Path) ->
         # The constructor's random numbers are replaced by the file's; the caller's random state is not changed.
         with torch.random.fork_rng([]), LimitedSize(ROOM + 4 * sum(tensor.numel() for tensor in own.values())):
             if kind.__module__.startswith("kfit."):
-                check_arguments(settings.get("init_args", {}))
+                check_network_sizes(settings.get("init_args", {}))
             network: nn.Module = kind(**settings.get("init_args", {}))
             if kind.__module__.startswith("kfit."):
                 check_drawing(network)

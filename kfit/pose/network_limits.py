@@ -22,7 +22,7 @@ LARGEST_SIDE, MOST_SAMPLES = 1024, 2**24
 MAKERS = (torch.empty, torch.zeros, torch.ones, torch.rand, torch.randn, torch.full)
 
 
-def check_arguments(arguments: Any) -> None:
+def check_network_sizes(arguments: Any) -> None:
     """Refuse arguments of a network that no file needs, before it is built.
 
     Raises:

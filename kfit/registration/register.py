@@ -9,11 +9,12 @@ from torch import Tensor
 
 from kfit.callbacks import Pruning
 from kfit.core import Energy, FitResult, Observation, Optimizer, Prior, ResidualEnergy, Schedule
-from kfit.core.check import check_choice, check_count, check_range, check_shape
+from kfit.core.arguments import check_arguments
+from kfit.core.check import check_choice, check_shape
 from kfit.energies import L2, BendingEnergy
 from kfit.fitting.pipeline import FitPipeline
 from kfit.generators import Template, VolumeTemplate
-from kfit.generators.motions import BENDING, MOTIONS, Motion, pixel_grid
+from kfit.generators.motions import BENDING, Motion, pixel_grid
 from kfit.generators.volume_motions import VOLUME_MOTIONS
 from kfit.optimizers import LBFGS, LevenbergMarquardt
 from kfit.registration.pair import Pair, checked_pair, pyramid_levels
@@ -81,14 +82,10 @@ def register(
         [-1, 0, 2]
     """
     pair = checked_pair(moving, fixed, moving_mask, fixed_mask)
-    check_choice("motion", motion, MOTIONS)
+    check_arguments(register, locals(), control=(2,), smoothness=(0,), min_overlap=(0, 1), seed=(0,))
     volumes = len(pair.size) == 3
     if volumes:
         check_choice("motion of volumes", motion, VOLUME_MOTIONS)
-    check_choice("light", light, (False, True))
-    check_range("smoothness", smoothness, 0)
-    check_range("min_overlap", min_overlap, 0, 1)
-    check_count("seed", seed, 0)
     if energy is not None and not isinstance(energy, Energy):
         raise TypeError(f"energy must be a kfit.core.Energy, got {type(energy).__name__}")
     if volumes and energy is not None and not energy.volumes:

@@ -8,7 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from kfit.core.check import check_count, check_range
+from kfit.core.arguments import check_arguments
+from kfit.core.check import check_count
 from kfit.geometry import Crop
 from kfit.segmentation.largest_part import largest_part
 
@@ -34,7 +35,7 @@ def mask_in_photo(
     Returns:
         (H, W) in [0, 1], above 1/2 on the object; None if no similar object is found.
     """
-    check_range("band", band, 0, 1)
+    check_arguments(mask_in_photo, locals(), band=(0, 1))
     wide = replace(crop, side=WIDER * crop.side, size=GRID)
     to_photo = wide.crop_to_image.numpy()[:2]
     region = cv2.warpAffine(photo, to_photo, (GRID, GRID), flags=INVERSE, borderMode=cv2.BORDER_REPLICATE)

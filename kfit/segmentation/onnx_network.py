@@ -15,7 +15,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from kfit.core.check import check_text
+from kfit.core.arguments import check_arguments
 
 LARGEST_FILE = 2 * 1024**3  # what protobuf can hold
 LARGEST_SIDE = 4096
@@ -71,7 +71,7 @@ class OnnxNetwork:
     """
 
     def __init__(self, path: str | Path) -> None:
-        check_text("path", path)
+        check_arguments(OnnxNetwork, locals())
         self.path = Path(path)
         if not self.path.is_file():
             raise FileNotFoundError(f"there is no ONNX file {path}")

@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from kfit.core import Selector, Variables
-from kfit.core.check import check_range
+from kfit.core.arguments import check_arguments
 from kfit.geometry.clusters import TEMPERATURE, WITHIN_DEG, energy_weights, rotation_clusters
 from kfit.geometry.pose import rotation_of
 from kfit.geometry.symmetry import Symmetry, check_symmetry
@@ -38,9 +38,7 @@ class Clusters(Selector):
     def __init__(
         self, symmetry: Symmetry = "none", within_deg: float = WITHIN_DEG, temperature: float = TEMPERATURE
     ) -> None:
-        check_symmetry("Clusters: symmetry", symmetry)
-        check_range("Clusters: within_deg", within_deg, 0, 180)
-        check_range("Clusters: temperature", temperature, 1e-6, 1e6)
+        check_arguments(Clusters, locals(), symmetry=(check_symmetry,), within_deg=(0, 180), temperature=(1e-6, 1e6))
         self.symmetry, self.within_deg, self.temperature = symmetry, within_deg, temperature
 
     def __call__(self, energy: Tensor, values: Variables, problem: Tensor) -> Tensor:

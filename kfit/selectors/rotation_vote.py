@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from kfit.core import Selector, Variables
-from kfit.core.check import check_count, check_range
+from kfit.core.arguments import check_arguments
 from kfit.geometry.pose import rotation_error, rotation_of
 from kfit.geometry.symmetry import Symmetry, check_symmetry
 
@@ -37,9 +37,7 @@ class RotationVote(Selector):
     """
 
     def __init__(self, symmetry: Symmetry = "none", top: int = 5, within_deg: float = 10.0) -> None:
-        check_symmetry("RotationVote: symmetry", symmetry)
-        check_count("RotationVote: top", top)
-        check_range("RotationVote: within_deg", within_deg, 0, 180)
+        check_arguments(RotationVote, locals(), symmetry=(check_symmetry,), within_deg=(0, 180))
         self.symmetry, self.top, self.within = symmetry, top, math.radians(within_deg)
 
     def __call__(self, energy: Tensor, values: Variables, problem: Tensor) -> Tensor:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from kfit.core import Observation, Rendering, Variables, frozen
-from kfit.core.check import check_count
+from kfit.core.arguments import check_arguments
 from kfit.energies import PosePrior
 from kfit.fitting.pipeline import FitPipeline
 from kfit.generators import SimilarityWarp
@@ -71,7 +71,7 @@ class Tracker:
     """
 
     def __init__(self, model: CategoryModel, first: PoseResult, seed: int = 0) -> None:
-        check_count("track: seed", seed, 0)
+        check_arguments(Tracker, locals(), seed=(0,))
         head = pose_head_of(model)
         self.model, self.seed, self.num_drawn = model, seed, 0
         self.posterior, self.prior = PosePosterior(head), PosePrior(head)

@@ -14,7 +14,8 @@ from torchmetrics.functional.image import structural_similarity_index_measure
 from torchmetrics.functional.segmentation import mean_iou
 
 from kfit.core import Encoder, Energy, Generator, Observation, Rendering, frozen
-from kfit.core.check import check_choice, check_count, check_dict, check_positive, check_range
+from kfit.core.arguments import check_arguments
+from kfit.core.check import check_positive
 from kfit.generators import ExtentsHead
 from kfit.geometry import Symmetry, check_symmetry
 from kfit.geometry.pose import rotation_of
@@ -87,22 +88,23 @@ class ConditionalVAE(Training):
         scheduler: LRSchedulerCallable | None = None,
     ) -> None:
         super().__init__(optimizer, scheduler)
-        check_range("kl_weight", kl_weight, 0)
-        check_range("extents_weight", extents_weight, 0)
-        check_positive("rate", rate)
-        check_choice("compile", compile, (False, True))
-        check_symmetry("symmetry", symmetry)
-        check_count("pixel_stride", pixel_stride, 1, 64)
+        check_arguments(
+            ConditionalVAE,
+            locals(),
+            symmetry=(check_symmetry,),
+            kl_weight=(0,),
+            extents_weight=(0,),
+            rate=(check_positive,),
+            pixel_stride=(1, 64),
+        )
         if pixel_stride > 1 and "pixels" not in inspect.signature(generator.forward).parameters:
             kind = type(generator).__name__
             raise ValueError(f"pixel_stride: {kind} draws whole pictures only, so it must be 1, got {pixel_stride}")
-        if loss_weights is not None:
-            check_dict("loss_weights", loss_weights, check_range)
-            if unused := sorted(set(loss_weights) - set(losses)):
-                # A recipe's weights stay behind when its losses are replaced.
-                names, known = ", ".join(unused), ", ".join(losses)
-                _log.warning("loss_weights: %s has no effect, as the losses are %s", names, known)
-                loss_weights = {name: weight for name, weight in loss_weights.items() if name in losses}
+        if loss_weights is not None and (unused := sorted(set(loss_weights) - set(losses))):
+            # A recipe's weights stay behind when its losses are replaced.
+            names, known = ", ".join(unused), ", ".join(losses)
+            _log.warning("loss_weights: %s has no effect, as the losses are %s", names, known)
+            loss_weights = {name: weight for name, weight in loss_weights.items() if name in losses}
         if taken := sorted(TAKEN & set(losses)):
             reserved = ", ".join(sorted(TAKEN))
             raise ValueError(f"losses: the name {taken[0]} is reserved for the log, which uses {reserved}")

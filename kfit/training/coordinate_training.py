@@ -9,7 +9,8 @@ from lightning.pytorch.cli import LRSchedulerCallable, OptimizerCallable
 from torch import Tensor
 
 from kfit.baselines import CoordinateRegressor
-from kfit.core.check import check_choice, check_positive, check_range
+from kfit.core.arguments import check_arguments
+from kfit.core.check import check_positive
 from kfit.data.rasterizer import DISTANCE
 from kfit.geometry import UNIT_FRACTION, rotation_from_angles
 from kfit.training.random_recolor import RandomRecolor
@@ -53,11 +54,14 @@ class CoordinateTraining(Training):
         scheduler: LRSchedulerCallable | None = None,
     ) -> None:
         super().__init__(optimizer, scheduler)
-        check_positive("rate", rate)
-        check_range("weight_decay", weight_decay, 0)
-        check_range("unit_fraction", unit_fraction, 0.1, 10.0)
-        check_range("distance", distance, 1.0, 1e6)
-        check_choice("compile", compile, (False, True))
+        check_arguments(
+            CoordinateTraining,
+            locals(),
+            rate=(check_positive,),
+            weight_decay=(0,),
+            unit_fraction=(0.1, 10.0),
+            distance=(1, 1e6),
+        )
         self.remember(inspect.currentframe())
         self.regressor, self.rate, self.weight_decay = regressor, rate, weight_decay
         self.unit_fraction, self.distance = unit_fraction, distance

@@ -9,7 +9,8 @@ from lightning.pytorch.cli import LRSchedulerCallable, OptimizerCallable
 from torch import Tensor
 
 from kfit.baselines import OrientationRegressor
-from kfit.core.check import check_choice, check_positive, check_range, check_text
+from kfit.core.arguments import check_arguments
+from kfit.core.check import check_positive
 from kfit.geometry import rotation_from_angles
 from kfit.training.random_corruption import RandomCorruption
 from kfit.training.random_similarity import RandomSimilarity
@@ -51,12 +52,9 @@ class OrientationTraining(Training):
         scheduler: LRSchedulerCallable | None = None,
     ) -> None:
         super().__init__(optimizer, scheduler)
-        check_positive("rate", rate)
-        check_range("weight_decay", weight_decay, 0)
-        check_choice("compile", compile, (False, True))
+        check_arguments(OrientationTraining, locals(), rate=(check_positive,), weight_decay=(0,))
         self.remember(inspect.currentframe())
         if weights is not None:
-            check_text("weights", weights)
             regressor.fill(weights)
         self.regressor, self.rate, self.weight_decay = regressor, rate, weight_decay
         self.corruption, self.similarity, self.compiles = corruption, similarity, compile

@@ -6,7 +6,7 @@ import torch
 from kornia.filters import gaussian_blur2d
 from torch import Tensor
 
-from kfit.core.check import check_range
+from kfit.core.arguments import check_arguments
 
 
 class PhotometricAugmentation:
@@ -35,11 +35,9 @@ class PhotometricAugmentation:
     def __init__(
         self, exposure: float = 0.25, cast: float = 0.08, blur: float = 0.8, noise: float = 0.03, edge: float = 0.25
     ) -> None:
-        check_range("PhotometricAugmentation: exposure", exposure, 0, 2)
-        check_range("PhotometricAugmentation: cast", cast, 0, 1)
-        check_range("PhotometricAugmentation: blur", blur, 0, 8)
-        check_range("PhotometricAugmentation: noise", noise, 0, 1)
-        check_range("PhotometricAugmentation: edge", edge, 0, 1)
+        check_arguments(
+            PhotometricAugmentation, locals(), exposure=(0, 2), cast=(0, 1), blur=(0, 8), noise=(0, 1), edge=(0, 1)
+        )
         self.exposure, self.cast, self.blur, self.noise, self.edge = exposure, cast, blur, noise, edge
 
     def __call__(self, image: Tensor, mask: Tensor) -> Tensor:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from skimage.io import imsave
 from torch import Tensor
 
-from kfit.core.check import check_count
+from kfit.core.arguments import check_arguments
 
 NAME = "pictures"  # in the log
 
@@ -33,8 +33,7 @@ class PictureGrid(Callback):
     """
 
     def __init__(self, num_objects: int = 8, num_views: int = 6) -> None:
-        check_count("PictureGrid: num_objects", num_objects)
-        check_count("PictureGrid: num_views", num_views)
+        check_arguments(PictureGrid, locals())
         self.num_objects, self.num_views = num_objects, num_views
         self._shown: dict[str, Tensor] | None = None
 

@@ -10,7 +10,8 @@ from lightning.pytorch.cli import LRSchedulerCallable, OptimizerCallable
 from torch import Tensor
 
 from kfit.core import Observation
-from kfit.core.check import check_choice, check_positive, check_range
+from kfit.core.arguments import check_arguments
+from kfit.core.check import check_positive
 from kfit.generators import RotationHead
 from kfit.geometry.pose import rotation_of
 from kfit.initializers import PosePosterior
@@ -58,10 +59,7 @@ class PoseTraining(Training):
         scheduler: LRSchedulerCallable | None = None,
     ) -> None:
         super().__init__(optimizer, scheduler)
-        check_positive("rate", rate)
-        check_range("weight_decay", weight_decay, 0)
-        check_choice("mirror", mirror, (False, True))
-        check_choice("compile", compile, (False, True))
+        check_arguments(PoseTraining, locals(), rate=(check_positive,), weight_decay=(0,))
         self.remember(inspect.currentframe())
         self.pose_head, self.rate, self.weight_decay = pose_head, rate, weight_decay
         self.crop, self.recoloring, self.photometric = crop or RandomCrop(), recoloring, photometric

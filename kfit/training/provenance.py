@@ -25,6 +25,8 @@ class Provenance(Callback):
     """
 
     def __init__(self, recipe: str | None = None) -> None:
+        if recipe is not None and not isinstance(recipe, str):
+            raise TypeError(f"Provenance: recipe must be text, got {type(recipe).__name__}")
         self.recipe = recipe
         self.facts: dict[str, Any] = {}
 

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from kfit.core import Rendering
-from kfit.core.check import check_range
+from kfit.core.arguments import check_arguments
 from kfit.generators.similarity_warp import warp
 
 
@@ -29,9 +29,7 @@ class RandomCorruption:
     """
 
     def __init__(self, occlusion: float = 0.2, brightness: float = 0.4, shift: float = 0.25) -> None:
-        check_range("RandomCorruption: occlusion", occlusion, 0, 1)
-        check_range("RandomCorruption: brightness", brightness, 0, 1)
-        check_range("RandomCorruption: shift", shift, 0, 1)
+        check_arguments(RandomCorruption, locals(), occlusion=(0, 1), brightness=(0, 1), shift=(0, 1))
         self.occlusion, self.brightness, self.shift = occlusion, brightness, shift
 
     def __call__(self, image: Tensor, mask: Tensor, rng: torch.Generator | None = None) -> tuple[Tensor, Tensor]:

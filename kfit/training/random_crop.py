@@ -9,7 +9,7 @@ import torch
 from kornia.geometry.transform import warp_affine
 from torch import Tensor
 
-from kfit.core.check import check_count, check_range
+from kfit.core.arguments import check_arguments
 from kfit.geometry.crop import MARGIN
 from kfit.training.random_corruption import occluded
 
@@ -43,12 +43,9 @@ class RandomCrop:
         hidden: float = 0.2,
         covered: float = 0.25,
     ) -> None:
-        check_count("RandomCrop: size", size)
-        check_range("RandomCrop: roll_deg", roll_deg, 0, 180)
-        check_range("RandomCrop: shift", shift, 0, 0.5)
-        check_range("RandomCrop: scale", scale, 1, 2)
-        check_range("RandomCrop: hidden", hidden, 0, 1)
-        check_range("RandomCrop: covered", covered, 0, 1)
+        check_arguments(
+            RandomCrop, locals(), roll_deg=(0, 180), shift=(0, 0.5), scale=(1, 2), hidden=(0, 1), covered=(0, 1)
+        )
         self.size, self.roll, self.shift, self.scale = size, math.radians(roll_deg), shift, scale
         self.hidden, self.covered = hidden, covered
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from kfit.core.check import check_range
+from kfit.core.arguments import check_arguments
 
 
 class RandomRecolor:
@@ -22,7 +22,7 @@ class RandomRecolor:
     """
 
     def __init__(self, gamma: float = 0.5) -> None:
-        check_range("RandomRecolor: gamma", gamma, 0, 3)
+        check_arguments(RandomRecolor, locals(), gamma=(0, 3))
         self.gamma = gamma
 
     def __call__(self, image: Tensor) -> Tensor:

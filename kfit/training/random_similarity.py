@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from kfit.core import Rendering
-from kfit.core.check import check_range
+from kfit.core.arguments import check_arguments
 from kfit.generators.similarity_warp import warp
 
 
@@ -28,9 +28,7 @@ class RandomSimilarity:
     """
 
     def __init__(self, roll_deg: float = 15.0, shift: float = 0.15, scale: float = 1.25) -> None:
-        check_range("RandomSimilarity: roll_deg", roll_deg, 0, 180)
-        check_range("RandomSimilarity: shift", shift, 0, 1)
-        check_range("RandomSimilarity: scale", scale, 1, 4)
+        check_arguments(RandomSimilarity, locals(), roll_deg=(0, 180), shift=(0, 1), scale=(1, 4))
         self.roll, self.shift, self.scale = math.radians(roll_deg), shift, scale
 
     def __call__(self, image: Tensor) -> Tensor:

@@ -10,7 +10,8 @@ import torch
 from torch import Tensor
 
 from kfit.core import Encoder, Generator, frozen
-from kfit.core.check import check_choice, check_count, check_positive, check_range
+from kfit.core.arguments import check_arguments
+from kfit.core.check import check_positive
 from kfit.geometry import CATEGORIES, PoseUpdate, RefinerNetwork, rotation_from_angles
 from kfit.training.photometric_augmentation import PhotometricAugmentation
 from kfit.training.pose_hypotheses import Hypotheses
@@ -63,11 +64,7 @@ class RefinerTraining(Training):
         compile: bool = False,
     ) -> None:
         super().__init__()
-        check_positive("rate", rate)
-        check_range("weight_decay", weight_decay, 0)
-        check_count("repeats", repeats, 0)
-        check_count("memory", memory)
-        check_choice("compile", compile, (False, True))
+        check_arguments(RefinerTraining, locals(), rate=(check_positive,), weight_decay=(0,), repeats=(0,))
         self.remember(inspect.currentframe())
         self.refiner, self.rate, self.weight_decay, self.compiles = refiner, rate, weight_decay, compile
         self.crop, self.recolor = crop or RandomCrop(covered=0.0), recolor or RandomRecolor()

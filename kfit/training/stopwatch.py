@@ -11,7 +11,7 @@ from typing import Any
 import torch
 from lightning.pytorch import Callback, LightningModule, Trainer
 
-from kfit.core.check import check_count
+from kfit.core.arguments import check_arguments
 from kfit.runtime.devices import Operations, matrix_rate, wait
 
 
@@ -32,7 +32,7 @@ class Stopwatch(Callback):
     """
 
     def __init__(self, warm_up: int = 5) -> None:
-        check_count("Stopwatch: warm_up", warm_up, 0)
+        check_arguments(Stopwatch, locals(), warm_up=(0,))
         self.warm_up = warm_up
         self.operations, self.pairs, self.machine, self.precision = 0, 0, 0.0, ""
         self._steps: list[float] = []

@@ -116,6 +116,7 @@ def test_the_number_of_threads_changes_nothing(nocs, models, tmp_path):
     assert contents(tmp_path / "out1") == contents(tmp_path / "out3")
 
 
+@pytest.mark.slow
 def test_a_run_that_breaks_off_gives_pytorch_its_threads_back(nocs, models, tmp_path, monkeypatch):
     def broken(*_):
         assert torch.get_num_threads() == 1
@@ -199,6 +200,7 @@ def test_an_object_that_cannot_be_fitted_is_reported_and_the_others_are_fitted(n
     assert result["unfitted"] == ["mug: mask is empty: none of its pixels is above one half"]
 
 
+@pytest.mark.slow
 def test_a_damaged_frame_does_not_end_the_run(nocs, models, tmp_path):
     (nocs / "real/test/scene_1/0002_depth.png").write_bytes(b"no picture")
     with pytest.warns(UserWarning, match=r"no results_test_scene_1_0002.pkl: .*0002_depth.png is not an image"):

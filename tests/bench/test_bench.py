@@ -107,6 +107,7 @@ def test_a_registration_is_solved_when_it_is_and_not_before():
         assert problem.solved(fit(problem.observation, seed=0)).tolist() == [solved] * 3
 
 
+@pytest.mark.slow
 def test_simpleitk_and_ecc_find_affine_maps_and_kfit_comes_as_near():
     pytest.importorskip("SimpleITK")
     pair = registration_pairs.make_pair("coffee", 96, 0.0, 3, "affine")

@@ -15,7 +15,9 @@ from tiny_model import TINY_FIELD, write_tiny
 from kfit.bench.accuracy import parser, write_card
 from kfit.bench.accuracy_fits import AccuracyFits
 from kfit.bench.accuracy_page import mean_of, objects_section, views_section
+from kfit.bench.calibration_views import covered
 from kfit.cli.main import main
+from kfit.data.rasterizer import View
 from kfit.models import load, read_card
 
 QUICK = ["--starts", "2", "--steps", "1"]
@@ -44,6 +46,16 @@ def test_meshes_are_advised_only_if_none_were_given(caplog: pytest.LogCaptureFix
         fits = AccuracyFits({"teapot": teapot}, None, None, Namespace(meshes=meshes))  # type: ignore[dict-item, arg-type]
         assert fits.procedural() == {}
         assert len(caplog.records) == lines
+
+
+def test_a_square_hides_a_share_of_the_object_and_its_mask() -> None:
+    image, mask = np.full((32, 32, 3), 0.5, np.float32), np.zeros((32, 32), np.float32)
+    mask[8:24, 4:28] = 1
+    view = View(image, mask, mask, image)
+    hidden = covered(view, np.random.default_rng(0), 0.25)
+    assert hidden.mask.sum() == pytest.approx(0.75 * mask.sum(), abs=1)
+    assert (hidden.image[(hidden.mask < mask)] == 1).all()
+    assert np.array_equal(hidden.mask, covered(view, np.random.default_rng(0), 0.25).mask)
 
 
 @pytest.mark.slow
@@ -92,6 +104,7 @@ def test_figures_go_into_the_file_and_not_into_the_loaded_model(tiny: Path) -> N
         (["--card"], "--card needs --model"),
         (["--views", "-1"], "--views must be at least 0, got -1"),
         (["--scan-views", "0"], "--scan-views must be at least 1"),
+        (["--hidden", "1"], "--hidden must be a share of at least 0 and below 1, got 1"),
         (["--views", "0"], "leaves nothing to measure"),
         (["--categories", "[]"], "--categories must name at least one"),
         (["--categories", "[bottle,teapot]"], "no bundled model"),

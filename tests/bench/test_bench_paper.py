@@ -191,6 +191,7 @@ def test_a_unit_is_measured_once_for_the_same_settings(how, monkeypatch, tmp_pat
     assert how.saved("full+l1", "mug") is None
 
 
+@pytest.mark.slow
 def test_reconstruction_is_evaluated_on_objects_of_held_out_and_of_known_families(tmp_path):
     held_out, known, fitted = drawings.novel_view_l1(load("can"), tmp_path, 1)
     assert 0 < known < 0.2
@@ -199,7 +200,9 @@ def test_reconstruction_is_evaluated_on_objects_of_held_out_and_of_known_familie
     assert {file.name.split("_")[1] for file in tmp_path.iterdir()} == {"train", "val"}
 
 
-@pytest.mark.parametrize("energy", fits.ENERGIES)
+@pytest.mark.parametrize(
+    "energy", [pytest.param(name, marks=pytest.mark.slow) if name in ("l2", "ssim") else name for name in fits.ENERGIES]
+)
 def test_a_fit_of_each_energy_runs_and_its_path_is_reported(energy):
     model = load("laptop")
     views = held_out_views(model, 1, 3)

@@ -1,16 +1,24 @@
 """What ``--help`` promises, of every command and benchmark."""
 
 import argparse
+import functools
 import shlex
 
 import pytest
 
 from kfit.bench.command import BENCHMARKS
-from kfit.cli.main import COMMANDS, TRAINING, main, parser
+from kfit.cli import main as command_line
+from kfit.cli.main import COMMANDS, TRAINING, main
 from kfit.runtime.parser_parts import tree
 
 NAMES = ["", *COMMANDS, *(f"bench {name}" for name in BENCHMARKS)]
+parser = functools.cache(command_line.parser)
 GENERAL = {"-h", "-q", "-v", "--version", "--import"}
+
+
+@pytest.fixture(autouse=True)
+def parser_built_once(monkeypatch):
+    monkeypatch.setattr(command_line, "parser", parser)
 
 
 def page_of(name, capsys):

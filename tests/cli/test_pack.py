@@ -59,6 +59,7 @@ def test_its_card_names_what_the_checkpoint_does_not_hold(packed: Path) -> None:
     np.testing.assert_allclose(found, np.tile(sides / np.linalg.norm(sides), (3, 1)), atol=1e-3)
 
 
+@pytest.mark.slow
 def test_its_pose_is_what_the_released_code_reports(packed: Path) -> None:
     model = kfit.load(packed)
     ax, ay, az = 0.21, 0.13, 0.04  # half-turns
@@ -81,6 +82,7 @@ def test_its_pose_is_what_the_released_code_reports(packed: Path) -> None:
     np.testing.assert_allclose(result.rotation, expected, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_kfit_pose_fits_with_it(packed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     whole = kfit.pose.CategoryModel.pipeline
     monkeypatch.setattr(kfit.pose.CategoryModel, "pipeline", lambda self, **how: whole(self, 2, 2, **how))

@@ -149,7 +149,16 @@ def test_a_users_mistake_gets_one_sentence_and_writes_nothing(
     assert "holds 1 masks for 4 frames" in refused([str(videos / "frames"), "--masks", few, *laptop], capsys)
     assert "--model must name a .safetensors file" in refused([clip, "--model", "model.pt", *out], capsys)
     assert not (tmp_path / "out").exists()
-    assert "has more frames" in refused([clip, "-q", "--masks", few, *laptop, *CAMERA], capsys)  # notes of a first fit
+
+
+@pytest.mark.slow
+def test_a_clip_of_more_frames_than_masks_is_refused_and_writes_nothing(
+    videos: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "masks").mkdir()
+    (tmp_path / "masks/1.png").write_bytes((videos / "masks/8.png").read_bytes())
+    words = [str(videos / "clip.mp4"), "--masks", str(tmp_path / "masks"), "--category", "laptop", *CAMERA]
+    assert "has more frames" in refused([*words, "-q", "--out", str(tmp_path / "out")], capsys)  # notes of a first fit
     assert not (tmp_path / "out").exists()
 
 
@@ -162,6 +171,7 @@ def test_a_model_without_a_pose_head_is_refused_before_a_fit(
     assert "has no pose head, which tracking needs" in refused(words, capsys)
 
 
+@pytest.mark.slow
 def test_a_broken_clip_is_reported_in_one_line(tmp_path: Path) -> None:
     (tmp_path / "no.mp4").write_text("no clip")
     words = [sys.executable, "-m", "kfit", "video", str(tmp_path / "no.mp4"), "--category", "mug"]

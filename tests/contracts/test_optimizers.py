@@ -74,6 +74,9 @@ PROBLEMS = {
 }
 
 
+BREAKING = ("energy", "gradient", "residuals", "infinite")
+
+
 def evaluation_of(residuals_of, calls=None):
     def evaluate(raw, problem, need="value"):
         assert need in ("value", "gradient", "residuals")
@@ -145,7 +148,11 @@ def test_every_shipped_optimizer_is_covered_here_and_exported():
 
 @pytest.mark.parametrize(("build", "steps"), built)
 class TestAnOptimizer:
-    @pytest.mark.parametrize("energy", PROBLEMS, ids=lambda energy: energy.__name__)
+    @pytest.mark.parametrize(
+        "energy",
+        [valley, spot, pytest.param(quadratic, marks=pytest.mark.slow), pytest.param(kink, marks=pytest.mark.slow)],
+        ids=lambda energy: energy.__name__,
+    )
     def test_meets_the_small_problems_from_every_start(self, build, steps, energy):
         if energy is kink and not isinstance(build(), FOR_KINKS):
             pytest.skip("needs slopes")
@@ -196,7 +203,10 @@ class TestAnOptimizer:
         for name, value in whole.items():
             torch.testing.assert_close(broken[name][others], value[others], rtol=0, atol=0)
 
-    @pytest.mark.parametrize("broken", ["energy", "gradient", "residuals", "all", "infinite", "a trial"])
+    @pytest.mark.parametrize(
+        "broken",
+        ["all", "a trial", *(pytest.param(what, marks=pytest.mark.slow) for what in BREAKING)],
+    )
     def test_a_row_that_breaks_on_the_way_stays_alone(self, build, steps, broken):
         found, whole = (ends(build(), how) for how in (broken, None))
         others = [0, 1, 3, 4]

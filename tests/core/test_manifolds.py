@@ -150,7 +150,12 @@ OPTIMIZERS = {
 }
 
 
-@pytest.mark.parametrize("name", OPTIMIZERS)
+LONG = ("AutoAdam", "torch")  # which walk as Adam does
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow) if name in LONG else name for name in OPTIMIZERS]
+)
 def test_every_optimizer_finds_a_rotation_and_a_direction(name):
     optimizer, steps = OPTIMIZERS[name]
     rotation = SO3().to_value(torch.tensor([[0.5, -0.4, 0.6]], dtype=torch.float64))  # 158° from the start

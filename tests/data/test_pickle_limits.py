@@ -44,6 +44,7 @@ def test_a_bomb_gets_a_sentence(kind: str, tmp_path: Path) -> None:
         load_pickle(path)
 
 
+@pytest.mark.slow
 def test_no_bomb_takes_more_than_a_little_memory(tmp_path: Path) -> None:
     for number, content in enumerate(BOMBS.values()):
         (tmp_path / f"{number}.pkl").write_bytes(content)

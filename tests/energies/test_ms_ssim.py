@@ -25,7 +25,9 @@ def scikit_images_ssim(x, y):
     )
 
 
-@pytest.mark.parametrize(("size", "num_scales", "changes"), [(64, 3, (0, 1, 2)), (176, 5, (1,))])
+@pytest.mark.parametrize(
+    ("size", "num_scales", "changes"), [(64, 3, (0, 1, 2)), pytest.param(176, 5, (1,), marks=pytest.mark.slow)]
+)
 def test_fine_scales_are_torchmetrics_s_and_the_coarsest_scikit_image_s_ssim(size, num_scales, changes):
     x, changed = photos(size)
     total = sum(EXPONENTS[:num_scales])

@@ -35,7 +35,7 @@ def double_by_default() -> Iterator[None]:
         torch.set_default_dtype(torch.float32)
 
 
-@pytest.mark.parametrize("around", [torch.inference_mode, double_by_default])
+@pytest.mark.parametrize("around", [double_by_default, pytest.param(torch.inference_mode, marks=pytest.mark.slow)])
 def test_loading_and_posing_give_the_same_answer_inside(around, expected: PoseResult) -> None:
     with around():
         model = kfit.load("mug")

@@ -28,6 +28,13 @@ KINDS = {
 }
 
 
+# One with momentum, one without, and one whose state is of another kind; the others wait for --runslow.
+QUICK = ("Adam", "SGD", "Adafactor")
+EACH = pytest.mark.parametrize(
+    "name", [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in KINDS]
+)
+
+
 class Waves(Generator):
     """Two waves whose phases and height are unknown."""
 
@@ -47,7 +54,7 @@ def pipeline(optimizer, **settings):
     return FitPipeline(Waves(), {"l2": L2()}, starts, optimizer, **{"num_starts": 3, "num_steps": 12, **settings})
 
 
-@pytest.mark.parametrize("name", KINDS)
+@EACH
 def test_each_row_walks_the_path_of_torch_s_own_loop(name):
     kind, settings = KINDS[name]
     history = pipeline(TorchOptimizer(kind, 0.03, Cosine(1.0, 0.2), 10, settings))(Observation(TARGET), seed=1).history
@@ -65,7 +72,7 @@ def test_each_row_walks_the_path_of_torch_s_own_loop(name):
             torch.testing.assert_close(history.values[variable][-1, 0, row], leaf.detach(), rtol=1e-9, atol=1e-9)
 
 
-@pytest.mark.parametrize("name", KINDS)
+@EACH
 def test_a_survivor_s_path_is_its_path_without_pruning(name):
     kind, settings = KINDS[name]
     optimizer = TorchOptimizer(kind, 0.03, settings=settings)

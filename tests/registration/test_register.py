@@ -38,7 +38,12 @@ def corner_error(found, truth, size=72):
     return float((transform_points(found, corners) - transform_points(truth, corners)).norm(dim=2).mean())
 
 
-@pytest.mark.parametrize("motion", TRUTH)
+BETWEEN = ("similarity", "affine")  # which a homography contains
+
+
+@pytest.mark.parametrize(
+    "motion", [pytest.param(name, marks=pytest.mark.slow) if name in BETWEEN else name for name in TRUTH]
+)
 def test_each_motion_is_found_to_a_fraction_of_a_pixel(motion):
     fixed, weight, truth = pair_of(motion)
     found = kfit.register(picture()[None], fixed, motion, fixed_mask=(weight > 0.99).float())

@@ -48,7 +48,11 @@ def corner_error(found, truth):
             {"angles": (-6.0, 9.0, 4.0), "shift": (1.0, 2.0, -1.0), "scale": 1.1},
             marks=pytest.mark.slow,
         ),
-        ("affine", {"angles": (5.0, 6.0, -7.0), "shift": (1.0, -1.0, 0.5), "scale": 0.95, "shear": 0.08}),
+        pytest.param(
+            "affine",
+            {"angles": (5.0, 6.0, -7.0), "shift": (1.0, -1.0, 0.5), "scale": 0.95, "shear": 0.08},
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_a_volume_that_kornia_moved_is_found(motion, truth):

@@ -203,7 +203,7 @@ def fits(hint, value) -> bool:
         return any(fits(part, value) for part in parts)
     if origin is typing.Literal:
         return any(type(value) is type(part) and value == part for part in parts)
-    if origin is dict:
+    if origin in (dict, Mapping):
         return isinstance(value, Mapping) and all(fits(parts[0], k) and fits(parts[1], v) for k, v in value.items())
     if origin is tuple and Ellipsis not in parts:
         return isinstance(value, Sequence) and len(value) == len(parts) and all(map(fits, parts, value))

@@ -246,7 +246,7 @@ def test_what_is_no_file_of_its_kind_is_refused_before_a_fit(
 
 # Values of the right type that are out of range, and what is told of them beside their option.
 RANGES = {
-    "bench accuracy": ["--views=-1", "--scan-views=0", "--starts=0", "--steps=-1", "--categories=[]"],
+    "bench accuracy": ["--views=-1", "--hidden=1", "--scan-views=0", "--starts=0", "--steps=-1", "--categories=[]"],
     "bench energies": ["--views=-1", "--scan-views=0", "--starts=0", "--steps=-1", "--categories=[]"],
     "bench dataset": ["--objects=0", "--batch-size=0"],
     "bench following": ["--clips=0", "--frames=1", "--every=0", "--categories=[]", "--categories=[mug,nope]"],

@@ -98,7 +98,7 @@ def test_two_processes_that_build_the_same_views_end_with_one_file(tmp_path: Pat
     path = tmp_path / "views.h5"
     processes = [start(lambda: build_views(path, "mug", 16, 2, image_size=24)) for _ in range(2)]
     assert [os.waitpid(process, 0)[1] for process in processes] == [0, 0]
-    whole = arrays(build_views(tmp_path / "whole.h5", "mug", 40, 2, image_size=24))
+    whole = arrays(build_views(tmp_path / "whole.h5", "mug", 16, 2, image_size=24))
     for name, array in arrays(path).items():
         np.testing.assert_array_equal(array, whole[name])
     assert [entry.name for entry in sorted(tmp_path.iterdir()) if not entry.name.startswith(PARTIAL)] == [

@@ -92,7 +92,9 @@ def kinds(parts):
     return [type(part) for part in parts]
 
 
-@pytest.mark.parametrize(("recipe", "grids"), [("smoke", 1), ("radiance_field", 1), ("pose_head", 0)])
+@pytest.mark.parametrize(
+    ("recipe", "grids"), [("smoke", 1), ("pose_head", 0), pytest.param("radiance_field", 1, marks=pytest.mark.slow)]
+)
 def test_a_training_logs_rate_and_pictures_into_tensorboard_and_a_table(started, recipe, grids):
     start("fit", recipe)
     (trainer,) = started

@@ -12,7 +12,8 @@ from types import ModuleType
 import numpy as np
 
 from kfit import geometry
-from kfit.core.check import check_choice, check_count
+from kfit.core.arguments import check_arguments
+from kfit.core.check import check_choice
 from kfit.data.exposure import with_exposure
 from kfit.data.light import Light
 from kfit.data.mesh import Mesh
@@ -47,8 +48,7 @@ def build(category: str | geometry.Category, seed: int, held_out: bool = False) 
     if not isinstance(category, geometry.Category):
         check_choice("category", category, CATEGORIES)
         category = geometry.CATEGORIES[category]
-    check_count("seed", seed, 0)
-    check_choice("held_out", held_out, (False, True))
+    check_arguments(build, locals(), seed=(0,))
     module, own = _module(category), category.name not in CATEGORIES
     kind = zlib.crc32(category.name.encode()) if own else CATEGORIES.index(category.name)
     rng = np.random.default_rng([seed, kind, int(held_out)])
