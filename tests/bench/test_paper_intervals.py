@@ -2,11 +2,15 @@
 
 import numpy as np
 import pytest
+from torch import nn
 
-from kfit.bench.paper import variants
+from kfit.bench.held_out_views import held_out_views
+from kfit.bench.paper import published, variants
+from kfit.bench.paper.fits import Schedule, by_fit
 from kfit.bench.paper.intervals import agreement, difference, pooled, share_below
 from kfit.bench.paper.units import REFERENCE, TABLES
 from kfit.cli.main import main
+from kfit.models import load
 
 
 def test_a_share_s_interval_is_wilson_s():
@@ -74,9 +78,38 @@ def test_the_paper_s_tables_hold_the_paper_s_networks_and_their_reference(tmp_pa
     assert all(REFERENCE[table] in TABLES[table] for table in REFERENCE)
     training = variants.Training(12, 4, tmp_path, tmp_path, tmp_path, seed=2)
     words = training.command("paper", "mug")
-    assert words[words.index("--model.init_args.kl_weight") + 1] == "0.01"
+    # 10 |I - I'| + 0.01 mean_d KL_d, as released, is 10 times |I - I'| + 6.25e-5 sum_d KL_d for a code of 16.
+    assert words[words.index("--model.init_args.kl_weight") + 1] == "6.25e-05"
+    words_4 = training.command("paper_code_4", "mug")
+    assert words_4[words_4.index("--model.init_args.kl_weight") + 1] == "0.00025"
     assert words[words.index("--seed_everything") + 1] == "2"
     assert training.folder("paper", "mug") == tmp_path / "seed_2" / "mug" / "paper"
+
+
+@pytest.mark.parametrize(
+    ("how", "weights"),
+    [
+        ("", {"perceptual": 1, "prior": 1}),
+        ("ssim", {"ssim": 1, "prior": 0.009}),
+        ("no_prior", {"perceptual": 1}),
+        ("depth", {"perceptual": 1, "prior": 1, "depth": 200 / 0.46}),
+        ("robustness", {"perceptual": 1, "prior": 1}),
+    ],
+)
+def test_the_paper_s_fit_has_its_terms_and_weights(how, weights, monkeypatch):
+    monkeypatch.setattr(published, "VGG16", lambda layers, weights: nn.Conv2d(3, 4, 3))
+    pipeline = published.published_fit(load("laptop"), "vgg16.pth", Schedule(32, 50), how)
+    assert pipeline.weights == pytest.approx(weights)
+    assert (pipeline.num_starts, pipeline.num_steps, pipeline.callbacks) == (32, 50, ())
+
+
+@pytest.mark.slow
+def test_the_paper_s_fit_takes_depth(monkeypatch):
+    monkeypatch.setattr(published, "VGG16", lambda layers, weights: nn.Conv2d(3, 4, 3))
+    model = load("laptop")
+    views = held_out_views(model, 1)
+    pipeline = published.published_fit(model, "vgg16.pth", Schedule(2, 1), "depth")
+    assert by_fit(model, views, pipeline, lambda done: None).translation_cm.item() < 50
 
 
 def test_the_paper_s_tables_ask_for_vgg16_s_file(capsys, tmp_path):

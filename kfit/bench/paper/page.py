@@ -74,25 +74,28 @@ def _settings(tables: list[str], how: Measuring, command: str, seeds: int) -> li
         )
     if any(table.startswith("paper_") for table in tables):
         lines.append(
-            "- **The paper's configuration**: its network sizes, λ of 0.01 as printed, features of VGG16, a prior of "
-            f"weight 1, {published.starts} starts of {published.steps} steps (the paper: 32 of 50), nothing pruned."
+            "- **The paper's configuration**: its network sizes, λ of 0.01 as printed, in the released code's "
+            "normalisation, features of VGG16 and a prior of weight 1 (in proportion for other energies), "
+            f"{published.starts} starts of {published.steps} steps (the paper: 32 of 50), nothing pruned."
         )
     if any("curves" in table or "robustness" in table for table in tables):
         lines.append(f"- **The VGG16 regressor** is trained from {begun}.")
-    return [
-        *lines,
-        "- **Paper**: its numbers are those of REAL275, beside the rows that are nearest to them.",
+    lines += [
         "- **L1**: of a view from four diagonals away drawn by the code of another view, over "
         f"{10 * objects:,} views of held-out families, then of families that training showed, as the paper's test "
         f"objects are; then of {fitted} views of held-out families, each drawn by the code that fits it best.",
-        "- **Brackets**: 95 % intervals over the views; Wilson's of shares, a paired bootstrap's of differences. They "
-        "do not include the variation between trainings.",
-        "- **ΔAP10**: AP10 less that of the table's reference row. An ordering is *reproduced* or *contradicted* only "
-        "if the interval of ΔAP10 excludes 0 and McNemar's exact test has p < 0.05, without a correction for the "
-        "number of orderings; otherwise it is *within the noise*.",
-        "- A row of dashes is not measured yet.",
-        "",
+        "- **Brackets**: 95 % intervals over the views; Wilson's of shares, a paired bootstrap's of differences, a "
+        "bootstrap's of means. They do not include the variation between trainings. Bands in plots are these intervals "
+        "too; around iterations they hold the middle half of the views.",
     ]
+    if any(key[0] in tables for key in PUBLISHED):
+        lines += [
+            "- **Paper**: its numbers are those of REAL275, beside the rows that are nearest to them.",
+            "- **ΔAP10**: AP10 less that of the table's reference row. An ordering is *reproduced* or *contradicted* "
+            "only if the interval of ΔAP10 excludes 0 and McNemar's exact test has p < 0.05, without a correction for "
+            "the number of orderings; otherwise it is *within the noise*.",
+        ]
+    return [*lines, "- A row of dashes is not measured yet.", ""]
 
 
 def _rows(units: Units, table: str, category: str) -> list[str]:

@@ -45,8 +45,16 @@ def _code(dim: int) -> tuple[str, ...]:
 
 
 PAPER = "vae3d_paper.yaml"
-# λ as the paper prints it.
-PRINTED_KL = ("--model.init_args.kl_weight", "0.01")
+
+
+def _printed_kl(dim: int = 16) -> tuple[str, str]:
+    """Words for the paper's λ = 0.01, in the released code's 10 · mean |I − Î| + 0.01 · (KL averaged over the code).
+
+    Taken for kfit's λ in mean |I − Î| + λ · (KL summed over the code), 0.01 would make codes collapse.
+    """
+    return "--model.init_args.kl_weight", f"{0.01 / 10 / dim:g}"
+
+
 WITH_DEPTH = (
     *("--model.init_args.generator.init_args.depth", "true"),
     *("--model.init_args.losses.depth", "kfit.energies.Depth"),
@@ -58,16 +66,16 @@ VARIANTS = {
     "code_4": Variant("compact VAE3D, code of 4", settings=_code(4)),
     "code_128": Variant("compact VAE3D, code of 128", settings=_code(128)),
     "field": Variant("RadianceField", settings=("--model.init_args.generator", "kfit.generators.RadianceField")),
-    "paper": Variant("the paper's VAE3D, code of 16", PAPER, PRINTED_KL),
+    "paper": Variant("the paper's VAE3D, code of 16", PAPER, _printed_kl()),
     "paper_without_3d": Variant(
-        "VAE2D (w/o 3D)", PAPER, (*PRINTED_KL, "--model.init_args.generator", "kfit.generators.VAE2D")
+        "VAE2D (w/o 3D)", PAPER, (*_printed_kl(), "--model.init_args.generator", "kfit.generators.VAE2D")
     ),
     "paper_without_vae": Variant(
         "the paper's VAE3D, no KL term (w/o VAE)", PAPER, ("--model.init_args.kl_weight", "0")
     ),
-    "paper_code_4": Variant("the paper's VAE3D, code of 4", PAPER, (*PRINTED_KL, *_code(4))),
-    "paper_code_128": Variant("the paper's VAE3D, code of 128", PAPER, (*PRINTED_KL, *_code(128))),
-    "paper_depth": Variant("the paper's VAE3D, depth as a channel", PAPER, (*PRINTED_KL, *WITH_DEPTH)),
+    "paper_code_4": Variant("the paper's VAE3D, code of 4", PAPER, (*_printed_kl(4), *_code(4))),
+    "paper_code_128": Variant("the paper's VAE3D, code of 128", PAPER, (*_printed_kl(128), *_code(128))),
+    "paper_depth": Variant("the paper's VAE3D, depth as a channel", PAPER, (*_printed_kl(), *WITH_DEPTH)),
     "regressor": Variant("VGG16 regressor", "regressor.yaml", networks=("regressor",)),
     "coordinates": Variant("NOCS-style, RGB-D", "nocs_regressor.yaml", networks=("regressor",)),
     "pose_head": Variant("pose head alone", "pose_head.yaml", networks=("pose_head",)),
