@@ -11,8 +11,8 @@ from kfit.bench.accuracy_page import Section
 from kfit.bench.page import show, write_page
 from kfit.runtime.console import progress
 
-# A frame further off than WRONG_DEG is wrong; a lost one, or one below SURE, is reported as doubtful.
-WRONG_DEG, SURE = 30.0, 0.5
+# A frame further off than WRONG_DEG is wrong; a lost one, or one below CONFIDENT, is reported as doubtful.
+WRONG_DEG, CONFIDENT = 30.0, 0.5
 
 if TYPE_CHECKING:
     from kfit.bench.held_out_clip import Clip
@@ -75,7 +75,7 @@ def measured(model: CategoryModel, clip: Clip, every: int) -> dict[str, Any]:
     from kfit.tracking import track
 
     ways: dict[str, Any] = {}
-    pipeline, errors, spent, sure = model.pipeline(), [], [], []
+    pipeline, errors, spent, confident = model.pipeline(), [], [], []
     for frame in range(0, len(clip.frames), every):
         begun = time.perf_counter()
         result = model.pose(
@@ -83,8 +83,8 @@ def measured(model: CategoryModel, clip: Clip, every: int) -> dict[str, Any]:
         )
         spent.append(time.perf_counter() - begun)
         errors.append(error(model, result.rotation, clip, frame))
-        sure.append(result.confidence >= SURE)
-    ways["by itself"] = {"errors": errors, "seconds": spent, "sure": sure}
+        confident.append(result.confidence >= CONFIDENT)
+    ways["by itself"] = {"errors": errors, "seconds": spent, "confident": confident}
     masks = [mask > 0.5 for mask in clip.masks]
     masks_of: dict[str, dict[str, Any]] = {"true masks": {"masks": masks}, "own masks": {"mask": masks[0]}}
     for way, chosen in masks_of.items():
@@ -98,7 +98,7 @@ def measured(model: CategoryModel, clip: Clip, every: int) -> dict[str, Any]:
         ways[way] = {
             "errors": [error(model, answer.rotation, clip, frame) for frame, answer in enumerate(answers)][1:],
             "seconds": spent[1:],
-            "sure": [answer.found and answer.confidence >= SURE for answer in answers[1:]],
+            "confident": [answer.found and answer.confidence >= CONFIDENT for answer in answers[1:]],
             "anew": sum(answer.anew for answer in answers) - 1,
         }
     return ways
@@ -125,8 +125,8 @@ def section(found: dict[str, list[dict[str, Any]]]) -> Section:
             errors = [value for clip in clips for value in clip[way]["errors"]]
             seconds = [value for clip in clips for value in clip[way]["seconds"]]
             shares = [sum(value < limit for value in errors) / len(errors) for limit in (10, 30)]
-            sure = [value for clip in clips for value in clip[way]["sure"]]
-            hidden = sum(away > WRONG_DEG and yes for away, yes in zip(errors, sure, strict=True)) / len(errors)
+            confident = [value for clip in clips for value in clip[way]["confident"]]
+            hidden = sum(away > WRONG_DEG and yes for away, yes in zip(errors, confident, strict=True)) / len(errors)
             anew = float(sum(clip[way].get("anew", 0) for clip in clips))
             own = [median(errors), *shares, hidden, 1 / median(seconds), 1 / mean(seconds), anew]
             figures.setdefault(way, {})[category] = own
@@ -144,7 +144,7 @@ def section(found: dict[str, list[dict[str, Any]]]) -> Section:
     notes = [
         "Symmetric classes by their axis; mugs whose handle is hidden count in full. Wrong and not reported are frames "
         f"that are more than {WRONG_DEG:.0f}° off, of an object that counts as found with a confidence of "
-        f"{100 * SURE:.0f} % or more. Frames a second are by the median frame, and with those that were fitted anew "
-        "where an object was lost, whose number is in the last column."
+        f"{100 * CONFIDENT:.0f} % or more. Frames a second are by the median frame, and with those that were fitted "
+        "anew where an object was lost, whose number is in the last column."
     ]
     return Section("Following", header, rows, notes)

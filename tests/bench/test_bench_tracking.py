@@ -22,8 +22,8 @@ def test_it_prints_a_row_for_each_way_and_writes_the_page(tmp_path: Path, capsys
 
 
 def test_means_are_over_categories() -> None:
-    def clip(errors: list[float], seconds: float, sure: list[bool]) -> dict[str, dict[str, object]]:
-        return {"true masks": {"errors": errors, "seconds": [seconds] * len(errors), "sure": sure, "anew": 1}}
+    def clip(errors: list[float], seconds: float, confident: list[bool]) -> dict[str, dict[str, object]]:
+        return {"true masks": {"errors": errors, "seconds": [seconds] * len(errors), "confident": confident, "anew": 1}}
 
     mug = clip([2.0, 4.0, 40.0, 50.0], 0.1, [True, False, True, False])
     table = section({"mug": [mug], "can": [clip([2.0], 0.05, [True])]})

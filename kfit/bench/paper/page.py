@@ -36,15 +36,15 @@ def _summary(units: Units, tables: list[str], categories: list[str]) -> list[str
     for table in tables:
         for category in categories:
             for unit in TABLES[table]:
-                if (verdict := _compared(units, table, category, unit)[1]) in found:
-                    found[verdict].append(f"{title_of(unit, table)} ({category}, table {table})")
+                if (outcome := _compared(units, table, category, unit)[1]) in found:
+                    found[outcome].append(f"{title_of(unit, table)} ({category}, table {table})")
     total = sum(map(len, found.values()))
     if not total:
         return []
     lines = [f"Of {total} orderings by AP10 that the paper prints and that were measured here:", ""]
-    for verdict, named in found.items():
-        which = f": {'; '.join(named)}" if named and verdict != "within the noise" else ""
-        lines.append(f"- **{len(named)} {verdict}**{which}")
+    for outcome, named in found.items():
+        which = f": {'; '.join(named)}" if named and outcome != "within the noise" else ""
+        lines.append(f"- **{len(named)} {outcome}**{which}")
     return [*lines, ""]
 
 
