@@ -67,7 +67,7 @@ def _settings(tables: list[str], how: Measuring, command: str, seeds: int) -> li
     ]
     if any(not table.startswith("paper_") for table in tables):
         lines.append(
-            f"- **kfit's rows**: compact networks beside `FeatureEncoder`; fits of {ours.starts} starts on an even "
+            f"- **kfit's rows**: compact networks with `FeatureEncoder`; fits of {ours.starts} starts on an even "
             f"grid and {ours.steps} steps; three eighths of the starts go on after step 3, an eighth after step 10. "
             "Unless a row names another energy, they minimise features of EfficientNet-Lite0 and 0.02 times the code "
             "prior. kfit's own fit starts with the best of four times as many candidates and keeps half after step 4."
@@ -90,7 +90,7 @@ def _settings(tables: list[str], how: Measuring, command: str, seeds: int) -> li
     ]
     if any(key[0] in tables for key in PUBLISHED):
         lines += [
-            "- **Paper**: its numbers are those of REAL275, beside the rows that are nearest to them.",
+            "- **Paper**: its numbers are those of REAL275, in the rows that are nearest to them.",
             "- **ΔAP10**: AP10 less that of the table's reference row. An ordering is *reproduced* or *contradicted* "
             "only if the interval of ΔAP10 excludes 0 and McNemar's exact test has p < 0.05, without a correction for "
             "the number of orderings; otherwise it is *within the noise*.",
