@@ -100,8 +100,6 @@ def models_of(args: Namespace) -> dict[str, CategoryModel]:
     for name, least in {"views": 0, "scan_views": 1, "starts": 1, "steps": 0}.items():
         if args[name] < least:
             raise ValueError(f"--{name.replace('_', '-')} must be at least {least}, got {args[name]}")
-    if not 0 <= args.hidden < 1:
-        raise ValueError(f"--hidden must be a share of at least 0 and below 1, got {args.hidden:g}")
     if not (args.views or args.meshes or args.nocs):
         raise ValueError("--views 0 leaves nothing to measure without --meshes or --nocs")
     from kfit.models import bundled, load
@@ -116,6 +114,8 @@ def run(args: Namespace) -> None:
     """Run the requested measurements, print the tables, and write them if requested."""
     if args.card and args.model is None:
         raise ValueError("--card needs --model FILE.safetensors, whose card is written to")
+    if not 0 <= args.hidden < 1:
+        raise ValueError(f"--hidden must be a share of at least 0 and below 1, got {args.hidden:g}")
 
     from kfit.bench.accuracy_fits import AccuracyFits
     from kfit.runtime.atomic_write import atomic_write

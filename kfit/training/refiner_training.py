@@ -39,7 +39,7 @@ class RefinerTraining(Training):
         networks: name of a category → its generator and encoder.
         crop: turns views in the plane and cuts them out.
         photometric: augmentation that makes views resemble crops of photos; None leaves them clean.
-        recolor: augmentation of the colours of photo and drawing together.
+        recoloring: augmentation of the colours of photo and drawing together.
         rate: largest learning rate of AdamW; it rises over the first twentieth of the steps and falls as a cosine.
         weight_decay: weight decay of AdamW.
         repeats: rows of earlier steps that are shown again, for each one that is drawn.
@@ -56,7 +56,7 @@ class RefinerTraining(Training):
         networks: Callable[[str], tuple[Generator, Encoder]],
         crop: RandomCrop | None = None,
         photometric: PhotometricAugmentation | None = None,
-        recolor: RandomRecolor | None = None,
+        recoloring: RandomRecolor | None = None,
         rate: float = 1.5e-3,
         weight_decay: float = 1e-3,
         repeats: int = 4,
@@ -67,7 +67,7 @@ class RefinerTraining(Training):
         check_arguments(RefinerTraining, locals(), rate=(check_positive,), weight_decay=(0,), repeats=(0,))
         self.remember(inspect.currentframe())
         self.refiner, self.rate, self.weight_decay, self.compiles = refiner, rate, weight_decay, compile
-        self.crop, self.recolor = crop or RandomCrop(covered=0.0), recolor or RandomRecolor()
+        self.crop, self.recoloring = crop or RandomCrop(covered=0.0), recoloring or RandomRecolor()
         self.photometric, self.repeats = photometric, repeats
         self._networks, self._loaded = networks, dict[str, tuple[Generator, Encoder]]()
         self._memory, self._walking = RefinerMemory(memory), dict[str, Hypotheses]()
@@ -150,7 +150,7 @@ class RefinerTraining(Training):
         rows = self._memory.sample(count)
         rows = rows.mirrored(torch.rand_like(rows.error) < 0.5)
         side = rows.observed.shape[-1]
-        both = self.recolor(torch.cat([rows.observed[:, :3], rows.drawn[:, :3]], 3))
+        both = self.recoloring(torch.cat([rows.observed[:, :3], rows.drawn[:, :3]], 3))
         return rows._replace(
             observed=torch.cat([both[..., :side], rows.observed[:, 3:]], 1),
             drawn=torch.cat([both[..., side:], rows.drawn[:, 3:]], 1),

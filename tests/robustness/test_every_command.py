@@ -32,6 +32,7 @@ NEEDED = {
     "pack": ["last.ckpt", "--out", "m.safetensors"], "calibrate": ["--model", "m.safetensors"],
     "export": ["mug", "--out", "o"], "completion": ["bash"],
     "bench speed": ["--model", "m.safetensors"], "bench photos": ["photos"],
+    "views": ["--show", "s"],
 }  # fmt: skip
 
 
@@ -289,7 +290,7 @@ TREES = {
     "--model.generator.init_args.code_dim=many": "model.generator.code_dim must be a whole number, got many",
     "--gone=3": "unrecognized arguments: --gone=3",
     "--data.batch_size=-3": "batch_size must be at least 1, got -3",
-    "--data.category=dog": "category must be one of bottle, bowl, camera, can, laptop, mug, got 'dog'",
+    "--data.category=dog": "category must be one of bottle, bowl, camera, can, laptop, mug, a .yaml file",
     "--trainer.accelerator=nope": "accelerator='nope'",
     "-c=gone.yaml": "File does not exist: ",
 }
