@@ -39,7 +39,7 @@ class Session:
         targets: objects that were found in it.
         target: the object to fit: found, drawn or selected by a mask.
         category: likely category, or the one chosen last.
-        depth: (H, W) in metres, where it was handed in.
+        depth: (H, W) in metres, where it was passed.
         busy: whether a fit of it waits or runs, so that it makes room for no other.
     """
 

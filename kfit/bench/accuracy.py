@@ -81,7 +81,7 @@ def add_sources(parser: ArgumentParser, views: int) -> None:
         type=list[str] | str,
         default=[],
         metavar="[PLACE,…]",
-        help="meshes: folders whose names tell the category as a word (025_mug), or CATEGORY=FOLDER; y is up and the "
+        help="meshes: folders with the category as a word in the name (025_mug), or CATEGORY=FOLDER; y is up and the "
         "front (handle, lens, screen) at +x, or what stands behind: FOLDER@UP or FOLDER@UP,FRONT (@z, @y,-z, …)",
     )
     group.add_argument("--scan-views", type=int, default=50, help="views of each scan")

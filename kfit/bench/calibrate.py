@@ -162,7 +162,7 @@ def print_reliability(found: dict[str, Any], how: str) -> None:
     table = Table("confidence", "answers", "on average", "within 20°", title=how)
     for row in found["bins"]:
         span = f"{100 * row['from']:.0f} to {100 * row['to']:.0f} %"
-        table.add_row(span, str(row["number"]), f"{100 * row['said']:.0f} %", f"{100 * row['right']:.0f} %")
+        table.add_row(span, str(row["number"]), f"{100 * row['predicted']:.0f} %", f"{100 * row['right']:.0f} %")
     table_console(100).print(table)
     print(
         f"{100 * found['right']:.0f} % of {sum(row['number'] for row in found['bins'])} are within 20°; calibration "

@@ -34,7 +34,7 @@ class Cost:
         seconds: on the clock.
         pictures: drawn by the generator.
         megabytes: the most memory that the process (on a GPU: PyTorch) held during the fit; None where the system
-            does not tell.
+            does not report it.
     """
 
     seconds: float

@@ -235,7 +235,7 @@ def called_ambiguous(model: CategoryModel, views: HeldOutViews, results: list[Fi
     upright, log_probabilities = torch.eye(3).double(), model.pose_log_probabilities(views.observation)
     for fit in (one for result in results for one in result):
         head = None if log_probabilities is None else log_probabilities[len(ambiguous)]
-        # Where no start was left, nothing is sure.
+        # Where no start was left, the answer is ambiguous.
         ambiguous.append(
             not len(fit.all_energy)
             or hypotheses_of(fit, upright, model.card, model.pose_head, head).ambiguity is not None

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Problem:
-    """Problems of one kind, and how to tell which of them a fit has solved.
+    """Problems of one kind, and how to decide which of them a fit has solved.
 
     Attributes:
         rates, sigma: for Adam and CMA-ES, in raw units.

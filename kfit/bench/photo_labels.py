@@ -36,7 +36,7 @@ class Label:
         category: one of `kfit.geometry.CATEGORIES`.
         box: left, top, width, height in pixels of the upright photo.
         kind: "upright", "lying", "inverted", "occluded" or "odd".
-        tolerance: degrees that the labeller is sure to.
+        tolerance: degrees within which the label is right.
         either_end: whether it looks the same upside down.
         axes: axes "up" and "front", where labelled, direction, word ("toward", "away", "across") and lean, None each
             where unclear.

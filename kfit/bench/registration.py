@@ -152,7 +152,7 @@ def by_kornia(pair: Pair) -> Tensor:
     size = pair.template.shape[-2:]
     with torch.enable_grad():
         found = ImageRegistrator("homography").register(pair.template[None], pair.observed[None]).detach().double()
-    # It tells where a pixel of the observed picture came from.
+    # It gives where a pixel of the observed picture came from.
     matrix: Tensor = torch.linalg.inv(denormalize_homography(found, size, size, align_corners=False)[0])
     return matrix
 

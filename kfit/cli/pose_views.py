@@ -56,8 +56,8 @@ def shared_object(found: Sequence[Sequence[FoundObject]], photos: Sequence[str])
         photos: their names.
 
     Raises:
-        ValueError: unless just one category was found exactly once in each photo; nothing tells objects of one category
-            apart.
+        ValueError: unless just one category was found exactly once in each photo; objects of one category cannot
+            be distinguished.
     """
     from kfit.geometry import CATEGORIES
 
@@ -70,7 +70,7 @@ def shared_object(found: Sequence[Sequence[FoundObject]], photos: Sequence[str])
     )
     raise ValueError(
         f"--relative-poses needs one object that each photo shows once, but found were {listed}; --category NAME, or "
-        "a --box or --mask for each photo, tells which"
+        "a --box or --mask for each photo, chooses it"
     )
 
 

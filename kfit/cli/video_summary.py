@@ -32,7 +32,7 @@ class VideoSummary:
         self.num_frames += 1
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the numbers of frames, and how sure their answers are."""
+        """Return the numbers of frames, and their confidences."""
         from kfit.reports.words import confidence_level
 
         levels = [confidence_level(confidence) for confidence in self.confidences]

@@ -115,7 +115,7 @@ class BOPFrames(AnnotatedFrames):
                     )
             depth_unit = float(camera.get("depth_scale", 1.0)) / 1000
         except (KeyError, TypeError) as error:
-            raise ValueError(f"{folder} tells not all of image {number}: {error}") from None
+            raise ValueError(f"{folder} has not all of image {number}: {error}") from None
         pictures = [folder / kind / f"{number:06}{end}" for kind in ("rgb", "gray") for end in (".png", ".jpg", ".tif")]
         picture = next((path for path in pictures if path.is_file()), pictures[0])
         depth = folder / "depth" / f"{number:06}.png"

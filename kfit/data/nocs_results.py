@@ -65,7 +65,7 @@ def make_result(frame: NOCSFrame | AnnotatedFrame, predictions: Sequence[NOCSPre
     """
     for thing in frame.objects:
         if thing.pose is None or thing.size is None:
-            what = "pose" if thing.pose is None else "size, which gts or obj_models would tell"
+            what = "pose" if thing.pose is None else "size, which gts or obj_models would give"
             raise ValueError(f"object {thing.instance} of {frame.path}, a {thing.category}, has no {what}")
     result: dict[str, Any] = {
         "image_path": str(frame.path),

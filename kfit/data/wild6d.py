@@ -61,7 +61,7 @@ class Wild6DFrames(AnnotatedFrames):
             placed = (rotation, translation.ravel(), size.ravel())
             thing = AnnotatedObject.of(0, name, *placed, intrinsics, mask)
         except (KeyError, TypeError, ValueError, np.linalg.LinAlgError) as error:
-            raise ValueError(f"{file} tells no pose of frame {number}: {error}") from None
+            raise ValueError(f"{file} has no pose of frame {number}: {error}") from None
         depth = images / f"{number}-depth.png"
         where = Path(*file.stem.split("-"), str(number))
         return AnnotatedFrame(where, images / f"{number}.jpg", intrinsics, (thing,), depth if depth.is_file() else None)

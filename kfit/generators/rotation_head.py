@@ -154,7 +154,7 @@ def _bins(low_deg: float, high_deg: float, count: int) -> Tensor:
 
 
 def azimuth_bins(symmetry: Symmetry, bin_deg: float) -> Tensor:
-    """Centres of azimuth bins in radians: over the part of a circle that tells poses apart, one where all are alike."""
+    """Centres of azimuth bins in radians: over the azimuths that are different poses, one where all are alike."""
     turns = num_turns(symmetry)
     if not turns:
         return torch.zeros(1)

@@ -102,7 +102,7 @@ class Category:
 
     @property
     def azimuth_deg(self) -> tuple[float, float]:
-        """Range of azimuths that tell poses apart, the full circle, or one value where all are alike."""
+        """Range of azimuths that are different poses, the full circle, or one value where all are alike."""
         turns = num_turns(self.symmetry)
         return (-180.0 / turns, 180.0 / turns) if turns else (0.0, 0.0)
 

@@ -65,7 +65,7 @@ class PoseNetwork(nn.Module, ABC):
     def prediction_name(self) -> str:
         """Name of its output in an observation's predictions; that of `kfit.core.frozen` twins is the same.
 
-        It tells networks apart by where their weights are in memory, which twins share.
+        Networks are identified by where their weights are in memory, which twins share.
         """
         return f"log-probabilities by {self.rotations.data_ptr():#x}"
 

@@ -110,8 +110,8 @@ def reliability(confidences: Sequence[float], right: Sequence[bool]) -> dict[str
     Returns:
         ``right``: fraction of right answers; ``brier``: mean (p − right)², and ``brier of the share``: the same if p
         were this fraction for all; ``calibration error``: Σ_b N_b / N · |mean p − fraction right| over bins b (Guo et
-        al., On calibration of modern neural networks, 2017); ``bins``: ``from``, ``to``, ``number``, ``said`` (mean p)
-        and ``right`` of each bin that is not empty.
+        al., On calibration of modern neural networks, 2017); ``bins``: ``from``, ``to``, ``number``, ``predicted``
+        (mean p) and ``right`` of each bin that is not empty.
     """
     p, yes = np.asarray(confidences, float), np.asarray(right, float)
     place = np.clip(np.searchsorted(BINS, p, side="right") - 1, 0, len(BINS) - 2)
@@ -120,7 +120,7 @@ def reliability(confidences: Sequence[float], right: Sequence[bool]) -> dict[str
             "from": BINS[b],
             "to": BINS[b + 1],
             "number": int((place == b).sum()),
-            "said": float(p[place == b].mean()),
+            "predicted": float(p[place == b].mean()),
             "right": float(yes[place == b].mean()),
         }
         for b in range(len(BINS) - 1)
@@ -130,6 +130,6 @@ def reliability(confidences: Sequence[float], right: Sequence[bool]) -> dict[str
         "right": float(yes.mean()),
         "brier": float(((p - yes) ** 2).mean()),
         "brier of the share": float(((yes.mean() - yes) ** 2).mean()),
-        "calibration error": sum(b["number"] * abs(b["said"] - b["right"]) for b in bins) / len(p),
+        "calibration error": sum(b["number"] * abs(b["predicted"] - b["right"]) for b in bins) / len(p),
         "bins": bins,
     }

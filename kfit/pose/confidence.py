@@ -133,7 +133,7 @@ def confidence(
     if calibration is None:
         probability, warning = (
             found[0].weight,
-            f"{UNCALIBRATED}, as the model's card tells nothing of such fits: {share}",
+            f"{UNCALIBRATED}, as the model's card has no calibration of such fits: {share}",
         )
         colour_energy = None if colour_calibration is None else _colour_energy(fit, found[0].energy, colour_calibration)
         if colour_calibration is None or colour_energy is None:

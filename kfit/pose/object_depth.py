@@ -32,7 +32,7 @@ NARROW, WIDE = 0.3 / 2, 1.1 * 2
 DEEP = 1.6
 # Of two groups of depths, the nearer is the object if it has this fraction of the larger one's pixels.
 NEARER = 0.8
-# Fractions of the known depths that are consistent: a note below the first, a doubt below the second.
+# Fractions of the known depths that are consistent: a note below the first, a warning below the second.
 MOST, FEW = 0.98, 0.7
 
 

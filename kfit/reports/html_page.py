@@ -1,4 +1,4 @@
-"""A fit on one page that needs nothing but a browser: the photo, the fit's way, how sure it is, and the numbers."""
+"""A fit on one page that needs nothing but a browser: the photo, the fit's way, its confidence, and the numbers."""
 
 from __future__ import annotations
 

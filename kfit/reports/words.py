@@ -44,7 +44,7 @@ class Words:
         view: from where the camera sees the object, and where its front is.
         size: sides of the box, the front's side first, then the height.
         distance: from the camera.
-        confidence: how sure the answer is.
+        confidence: words for the confidence.
         level: level of the confidence.
         meaning: how a reader may use such an answer.
     """

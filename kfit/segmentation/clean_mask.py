@@ -56,14 +56,14 @@ def clean_mask(mask: NDArray[np.float32]) -> Segment:
     Holes (4 neighbours) with less than 1 % of the object's area that do not touch the picture's border are filled.
 
     Connected parts (8 neighbours) with less than 1 % of the largest one's area are dropped, and those with less than 25
-    % that are farther from it than 0.1 of its box's longer side. A larger part that far away is kept, with a doubt: it
-    is another object, or the same one behind an occluder.
+    % that are farther from it than 0.1 of its box's longer side. A larger part that far away is kept, with a warning:
+    it is another object, or the same one behind an occluder.
 
     Args:
         mask: (H, W) in [0, 1], above 1/2 on the object; fractions are kept. Empty masks are unchanged.
 
     Returns:
-        The mask, with a note where parts were dropped and a doubt where a large one lies far away.
+        The mask, with a note where parts were dropped and a warning where a large one lies far away.
     """
     parts = _without_stray_parts(mask)
     return replace(parts, mask=_without_holes(parts.mask))

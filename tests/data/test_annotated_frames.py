@@ -123,7 +123,7 @@ def test_pictures_of_objectron_in_another_size_are_refused(tmp_path):
 def test_annotations_of_wild6d_without_a_pose_name_file_and_frame(annotation, tmp_path):
     write_wild6d(tmp_path)
     (tmp_path / VICTIMS["wild6d"]).write_bytes(pickle.dumps({"annotations": [annotation]}))
-    with pytest.raises(ValueError, match=r"mug-0001-1\.pkl tells no pose of frame 0"):
+    with pytest.raises(ValueError, match=r"mug-0001-1\.pkl has no pose of frame 0"):
         read_first("wild6d", tmp_path)
 
 

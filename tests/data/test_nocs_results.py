@@ -65,7 +65,7 @@ def test_an_image_where_nothing_is_found_is_written_too(tmp_path):
 def test_objects_that_cannot_be_scored_are_named():
     with pytest.raises(ValueError, match=r"object 3 of .*0004, a mug, has no pose"):
         make_result(frame(pose=None), [])
-    with pytest.raises(ValueError, match="has no size, which gts or obj_models would tell"):
+    with pytest.raises(ValueError, match="has no size, which gts or obj_models would give"):
         make_result(frame(size=None), [])
     with pytest.raises(ValueError, match="must have an image_path"):
         write_result("out", {})

@@ -37,7 +37,7 @@ def novel_view_l1(model: CategoryModel, cache: Path, num_views: int) -> list[flo
 
     Of objects of the families held out of training, by what the encoder saw in another view; of new objects of the
     families that training showed, as the paper's are, likewise; and of some of the first by the code that draws the
-    picture itself best, which tells what the generator can draw, whatever the encoder reads.
+    picture itself best, which shows what the generator can draw, whatever the encoder reads.
 
     Args:
         model: the trained networks.

@@ -74,7 +74,7 @@ def figure(rng: np.random.Generator, picture: np.ndarray, box: tuple[int, int, i
 
 
 def photo(rng: np.random.Generator, base: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """Something like a photograph: a sky, a ground and soft blobs of many colours."""
+    """Something like a photo: a sky, a ground and soft blobs of many colours."""
     height, width = size
     rows = np.linspace(0, 1, height)[:, None, None]
     top, bottom = colors.any_color(rng), colors.any_color(rng)
@@ -122,7 +122,7 @@ def lettering(rng: np.random.Generator, base: np.ndarray, size: tuple[int, int])
 
 
 def picture_print(rng: np.random.Generator, base: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """A photograph printed on one or both sides, or all around."""
+    """A photo printed on one or both sides, or all around."""
     picture = _canvas(base, size)
     height, width = size
     if rng.random() < 0.3:
