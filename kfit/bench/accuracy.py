@@ -89,19 +89,27 @@ def add_sources(parser: ArgumentParser, views: int) -> None:
     group.add_argument("--seed", type=int, default=0, help="chooses the objects, poses and lights of the views")
 
 
-def models_of(args: Namespace) -> dict[str, CategoryModel]:
-    """Return the requested models by category.
+def check_sources(args: Namespace) -> None:
+    """Refuse sources that leave nothing to measure, and numbers out of range.
 
     Raises:
-        ValueError: for choices that leave nothing to measure, or numbers out of range.
+        ValueError: for these.
     """
-    if args.categories is not None and args.model is not None:
-        raise ValueError("choose what to measure: --categories [NAME,…] or --model FILE.safetensors, not both")
     for name, least in {"views": 0, "scan_views": 1, "starts": 1, "steps": 0}.items():
         if args[name] < least:
             raise ValueError(f"--{name.replace('_', '-')} must be at least {least}, got {args[name]}")
     if not (args.views or args.meshes or args.nocs):
         raise ValueError("--views 0 leaves nothing to measure without --meshes or --nocs")
+
+
+def models_of(args: Namespace) -> dict[str, CategoryModel]:
+    """Return the models of ``--categories`` or ``--model`` by category.
+
+    Raises:
+        ValueError: for both options at once, and for no category.
+    """
+    if args.categories is not None and args.model is not None:
+        raise ValueError("choose what to measure: --categories [NAME,…] or --model FILE.safetensors, not both")
     from kfit.models import bundled, load
 
     chosen = [args.model] if args.model else bundled() if args.categories is None else args.categories
@@ -114,6 +122,7 @@ def run(args: Namespace) -> None:
     """Run the requested measurements, print the tables, and write them if requested."""
     if args.card and args.model is None:
         raise ValueError("--card needs --model FILE.safetensors, whose card is written to")
+    check_sources(args)
     if not 0 <= args.hidden < 1:
         raise ValueError(f"--hidden must be a share of at least 0 and below 1, got {args.hidden:g}")
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from jsonargparse import ArgumentParser, Namespace
 
-from kfit.bench.accuracy import add_sources, command, models_of, write_text
+from kfit.bench.accuracy import add_sources, check_sources, command, models_of, write_text
 from kfit.bench.accuracy_page import Section, circumstances, mean_of, page
 from kfit.runtime.console import log, progress, table_console
 
@@ -108,6 +108,7 @@ def run(args: Namespace) -> None:
 
     from kfit.runtime.atomic_write import atomic_write
 
+    check_sources(args)
     models = models_of(args)
     compared = mixes(args.vgg16)
     asked = {name: value for name, value in args.items() if name not in ("out", "vgg16")}

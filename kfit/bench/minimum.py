@@ -61,8 +61,7 @@ def run(args: Namespace) -> None:
     from kfit.bench.page import show, write_page
 
     chosen = Namespace(**{**vars(args), "categories": None if args.model else args.categories})
-    others = {"scan_views": 1, "starts": 1, "steps": 1, "meshes": [], "nocs": None}
-    models = models_of(Namespace(**vars(chosen), **others))
+    models = models_of(chosen)
     with progress() as bar:
         found = {category: _measured(args, model, bar) for category, model in models.items()}
     tables = [_fits_section(args.off, found), _ranks_section(found)]
