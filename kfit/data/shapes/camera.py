@@ -79,6 +79,13 @@ HELD_OUT_TEXTURES: dict[str, tuple[textures.Family, float]] = {
     "striped": (textures.rings, 1.0),
     "blotches": (textures.blotches, 0.7),
 }
+# A third of the taught cameras belong to no family: two forms of wide ranges stand for them, and half have other skins.
+FREE = 0.35
+FREE_SHAPES = [
+    Form((0.4, 1.2), (0.2, 0.8), (0.02, 0.16), (0.15, 0.48), (0.02, longest), (-0.15, 0.25), 0.4, 0.5, 0.7, corners)
+    for corners, longest in (("above", 1.0), ("front", 0.3))
+]
+FREE_TEXTURES = [textures.dots, textures.stripes, textures.checks, textures.marble, textures.speckle, textures.gradient]
 
 
 def build(rng: np.random.Generator, held_out: bool) -> Mesh:
@@ -87,6 +94,9 @@ def build(rng: np.random.Generator, held_out: bool) -> Mesh:
     name = str(rng.choice(list(shapes)))
     form = shapes[name]
     family = textures.choose(rng, HELD_OUT_TEXTURES if held_out else TEXTURES)
+    if not held_out and rng.random() < FREE:
+        form = FREE_SHAPES[int(rng.integers(2))]
+        family = FREE_TEXTURES[int(rng.integers(len(FREE_TEXTURES)))] if rng.random() < 0.5 else family
     height, depth, corner = (float(rng.uniform(*span)) for span in (form.height, form.depth, form.corner))
     base = _body_color(rng, name)
     top = base if rng.random() < 0.7 else colors.metal(rng)

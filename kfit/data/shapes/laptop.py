@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from kfit.data.mesh import Mesh, join
-from kfit.data.shapes import colors, laptop_faces, laptop_underside, textures
+from kfit.data.shapes import colors, laptop_faces, laptop_underside, prints, textures
 from kfit.data.shapes.placing import FRONT_TO_X, shift, turn_x
 from kfit.data.shapes.primitives import revolve, rounded_rectangle, slab
 
@@ -63,6 +63,11 @@ HELD_OUT_TEXTURES: dict[str, tuple[textures.Family, float]] = {
     "editor": (laptop_faces.editor, 1.0),
     "film": (laptop_faces.film, 1.0),
 }
+# What covers the lid's back of half of the laptops, of unseen families and of none.
+HELD_OUT_COVERS = [textures.blotches]
+COVERS = [textures.dots, textures.stripes, textures.checks, textures.marble, textures.wood, prints.photo]
+# Share of taught laptops that belong to no family.
+FREE = 0.4
 
 
 def build(rng: np.random.Generator, held_out: bool) -> Mesh:
@@ -70,6 +75,10 @@ def build(rng: np.random.Generator, held_out: bool) -> Mesh:
     shapes = HELD_OUT_SHAPES if held_out else SHAPES
     body = shapes[str(rng.choice(list(shapes)))]
     screen = textures.choose(rng, HELD_OUT_TEXTURES if held_out else TEXTURES)
+    covers = HELD_OUT_COVERS if held_out else []
+    if not held_out and rng.random() < FREE:
+        body, covers = _free(rng), COVERS
+        screen = laptop_faces.patchwork if rng.random() < 0.4 else screen
     depth, base_height, lid_height = (float(rng.uniform(*span)) for span in (body.depth, body.base, body.lid))
     outline = rounded_rectangle(1.0, depth, float(rng.uniform(*body.corner)))
     shell = colors.hue(rng) if rng.random() < body.colorful else _shell(rng)
@@ -95,7 +104,7 @@ def build(rng: np.random.Generator, held_out: bool) -> Mesh:
     lid_outline = rounded_rectangle(1.0, lid_depth, float(rng.uniform(*body.corner)))
     opening = np.deg2rad(_opening_deg(rng))
     front = laptop_faces.screen(rng, screen, frame, lid_depth, body.border)
-    faces = (front, edge, laptop_faces.back(rng, shell, lid_depth, held_out))
+    faces = (front, edge, laptop_faces.back(rng, shell, lid_depth, covers))
     lid = join(slab(lid_outline, -lid_height, 0.0, rng.uniform(0.2, 0.5) * lid_height, faces))
     gap = lid_height * rng.uniform(0.3, 1.2)
     hinge_z = -depth / 2 + inset + lid_height * 0.5
@@ -103,6 +112,14 @@ def build(rng: np.random.Generator, held_out: bool) -> Mesh:
     lid = lid.transformed(shift(0, base_height, hinge_z) @ turn_x(np.pi - opening))
     hinge = [part.transformed(shift(0, base_height, hinge_z)) for part in _hinge(rng, gap, lid_height, frame, shell)]
     return join([base, lid, *hinge]).transformed(FRONT_TO_X)
+
+
+def _free(rng: np.random.Generator) -> Body:
+    """A body of no family: thin or thick, sharp or rounded, with a wide or narrow frame."""
+    depth, inset = rng.uniform(0.56, 0.88), rng.uniform(0, 0.13) * (rng.random() < 0.5)
+    base, lid, corner, border = np.exp(rng.uniform(np.log([0.013, 0.009, 0.005, 0.4]), np.log([0.2, 0.1, 0.15, 2.5])))
+    taper = rng.uniform(0, 0.7) * (rng.random() < 0.5)
+    return Body((depth, depth), (base, base), (lid, lid), (corner, corner), taper, (inset, inset), border, 0.3)
 
 
 def _opening_deg(rng: np.random.Generator) -> float:

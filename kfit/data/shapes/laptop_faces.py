@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import cv2
 import numpy as np
 
@@ -93,12 +95,12 @@ def screen(rng: np.random.Generator, family: Family, frame: np.ndarray, depth: f
     return picture
 
 
-def back(rng: np.random.Generator, color: np.ndarray, depth: float, held_out: bool) -> np.ndarray:
-    """The lid's outer face: plain, with a logo or lettering in its middle; a held-out one may be full of stickers."""
+def back(rng: np.random.Generator, color: np.ndarray, depth: float, covers: Sequence[Family]) -> np.ndarray:
+    """The lid's outer face: plain, with a logo or lettering in its middle, or half of them with one of ``covers``."""
     height = int(_WIDTH * depth)
     picture = _canvas(color, height)
-    if held_out and rng.random() < 0.5:
-        return textures.blotches(rng, color, (height, _WIDTH))
+    if covers and rng.random() < 0.5:
+        return covers[int(rng.integers(len(covers)))](rng, color, (height, _WIDTH))
     kind = rng.random()
     side = int(height * rng.uniform(0.1, 0.25))
     box = (int(height / 2 - side / 2), int(_WIDTH / 2 - side / 2), side, side)
@@ -164,6 +166,20 @@ def document(rng: np.random.Generator, base: np.ndarray, size: tuple[int, int]) 
     side = rng.uniform(0.05, 0.3)
     box = (int(0.2 * size[0]), int(side * size[1]), int(0.75 * size[0]), int((1 - 2 * side) * size[1]))
     prints.lines(rng, picture, box, colors.black(rng))
+    return picture
+
+
+def patchwork(rng: np.random.Generator, base: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """Boxes of any place and colour, some with text in them: a display of no family."""
+    picture = wallpaper(rng, base, size) if rng.random() < 0.3 else _canvas(colors.any_color(rng), *size)
+    for _ in range(rng.integers(1, 9)):
+        top, left = rng.uniform(-0.1, 0.8, 2)
+        tall, wide = np.exp(rng.uniform(-3, 0, 2))
+        ground = colors.any_color(rng)
+        _fill(picture, (top, left, top + tall, left + wide), ground)
+        box = [int(share * side) for share, side in zip((max(top, 0), max(left, 0), tall, wide), size * 2, strict=True)]
+        if rng.random() < 0.5:
+            prints.lines(rng, picture, (box[0], box[1], box[2], box[3]), colors.against(rng, ground))
     return picture
 
 

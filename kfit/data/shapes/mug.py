@@ -5,12 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from kfit.data.mesh import Mesh, join
-from kfit.data.shapes import colors, contents, prints, textures, undersides
+from kfit.data.shapes import colors, contents, mug_forms, prints, textures, undersides
 from kfit.data.shapes.mug_forms import HANDLES, HELD_OUT_HANDLES, HELD_OUT_SHAPES, SHAPES, Form
 from kfit.data.shapes.placing import shift
 from kfit.data.shapes.primitives import circle, plate, polygon, revolve, smooth, tube
 
 AROUND = 56
+# Share of taught mugs that belong to no family.
+FREE = 0.4
 TEXTURES: dict[str, tuple[textures.Family, float]] = {
     "plain": (textures.plain, 5.0),
     "two_tone": (textures.two_tone, 1.0),
@@ -38,6 +40,8 @@ def build(rng: np.random.Generator, held_out: bool) -> Mesh:
     # shapes; the held-out families stay pure.
     blend = 0.0 if held_out else max(0.0, rng.uniform(-0.4, 0.6))
     form, other, loops = _pairs(rng, held_out)
+    if not held_out and rng.random() < FREE:
+        form, blend, loops = mug_forms.free_form(rng), 0.0, [mug_forms.free_handle(rng)] * 2
     radii = (1 - blend) * np.array(form.radii) + blend * np.array(other.radii)
     height = (1 - blend) * rng.uniform(*form.height) + blend * rng.uniform(*other.height)
     family, wall = textures.choose(rng, HELD_OUT_TEXTURES if held_out else TEXTURES), rng.uniform(*form.wall)

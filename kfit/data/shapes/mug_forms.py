@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 Span = tuple[float, float]
 
 
@@ -72,3 +74,39 @@ HELD_OUT_HANDLES = {
     "hook": ((0.5, 0.12), (0.72, 0.02), (0.92, 0.15), (1.0, 0.5), (0.95, 0.82), (0.6, 1.02), (0.0, 1.0)),
     "drop": ((0.0, 0.0), (0.75, -0.05), (1.0, 0.1), (0.92, 0.3), (0.6, 0.55), (0.35, 0.8), (0.15, 0.95), (0.0, 1.0)),
 }
+
+
+def free_form(rng: np.random.Generator) -> Form:
+    """A body of no family: it may widen or narrow towards the rim, bulge or have a waist, and stand on a stem.
+
+    A pose head that sees families alone learns them by heart: it has twice the loss on others.
+    """
+    levels = np.linspace(0, 1, 5)
+    base, bulge = rng.uniform(0.45, 1.2), rng.uniform(-0.2, 0.25)
+    radii = base + (1 - base) * levels ** np.exp(rng.uniform(-1, 0.7)) + bulge * np.sin(np.pi * levels)
+    floor = 0.0
+    if rng.random() < 0.12:
+        radii[1] *= rng.uniform(0.45, 0.8)
+        floor = 0.34
+    low = float(rng.uniform(0.45, 1.4))
+    return Form(
+        tuple(radii / radii.max()),
+        height=(low, low + 0.05),
+        wall=(0.01, 0.075),
+        lid=0.15,
+        steel=0.12,
+        floor=floor,
+        sides=int(rng.integers(5, 13)) if rng.random() < 0.12 else 0,
+    )
+
+
+def free_handle(rng: np.random.Generator) -> np.ndarray:
+    """A handle of no family, (K, 2) as in `HANDLES`: a loop that may lean, be square or pointed, or hang free below."""
+    along = np.array([0, 0.12, 0.28, 0.5, 0.72, 0.88, 1.0])
+    furthest = along ** np.exp(rng.uniform(-0.8, 0.8))  # where along the loop it reaches out most
+    outward = np.sin(np.pi * furthest).clip(0) ** np.exp(rng.uniform(-1.3, 0.3))
+    upward = along - rng.uniform(-0.15, 0.2) * np.sin(np.pi * along) * (1 - along)
+    upward += rng.uniform(-0.15, 0.3) * np.sin(np.pi * along) * along
+    loop = np.stack([outward / outward.max(), upward], axis=1)
+    loop[1:-1] += rng.normal(0, 0.04, (5, 2))
+    return loop[2:] if rng.random() < 0.1 else loop
