@@ -75,7 +75,7 @@ HELD_OUT_TEXTURES: dict[str, tuple[textures.Family, float]] = {
 }
 
 
-# Share of taught bowls that belong to no family.
+# Share of taught bowls whose shape belongs to no family, and of those whose pattern belongs to none.
 FREE = 0.35
 
 
@@ -90,6 +90,8 @@ def build(rng: np.random.Generator, held_out: bool) -> Mesh:
         other = shapes[str(rng.choice(list(shapes)))]
         radii = radii + rng.uniform(0, 0.5) * (np.array(other.radii) - radii)
     wall, family = float(rng.uniform(*form.wall)), textures.choose(rng, families)
+    if not held_out and rng.random() < FREE:
+        family = textures.mixed
     base = colors.white(rng) if rng.random() < 0.35 else colors.any_color(rng, whites=0.1)
     steel = rng.random() < form.steel
     base = colors.metal(rng) if steel else base

@@ -139,6 +139,18 @@ def zigzag(rng: np.random.Generator, base: np.ndarray, size: tuple[int, int]) ->
     return _blend(base, colors.against(rng, base), ((v + tooth) * rng.uniform(8, 20)).astype(int) % 2)
 
 
+def mixed(rng: np.random.Generator, base: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """A pattern of no family: waves of any direction and a cloud, cut into areas of two to four colours."""
+    u, v = np.meshgrid(np.arange(size[1]) / size[1], np.arange(size[0]) / size[1])
+    field = rng.uniform(0, 4) * cloud(rng, size, 3, 3)
+    for _ in range(rng.integers(2, 4)):
+        phase = rng.integers(-12, 13) * u + rng.uniform(-12, 12) * v + rng.random()
+        field += rng.uniform(0.3, 1) * np.cos(2 * np.pi * phase)
+    edges = np.quantile(field, np.sort(rng.uniform(0.15, 0.85, rng.integers(1, 4))))
+    palette = np.stack([base, *(colors.against(rng, base) for _ in edges)])
+    return as_texture(palette[np.searchsorted(edges, field)])
+
+
 def choose(rng: np.random.Generator, families: dict[str, tuple[Family, float]]) -> Family:
     """Draw a family at random, by the weights."""
     weights = np.array([weight for _, weight in families.values()])
