@@ -109,7 +109,7 @@ def test_figures_go_into_the_file_and_not_into_the_loaded_model(tiny: Path) -> N
         (["--categories", "[]"], "--categories must name at least one"),
         (["--categories", "[bottle,teapot]"], "no bundled model"),
         (["--categories", "[mug]", "--views", "0", "--nocs", "nowhere"], "nowhere holds none of"),
-        (["--categories", "[mug]", "--views", "0", "--meshes", "[nowhere]"], "folder must be an existing folder"),
+        (["--categories", "[mug]", "--views", "0", "--meshes", "[nowhere]"], "meshes must name files or folders"),
     ],
 )
 def test_a_mistake_gets_one_sentence(words: list[str], sentence: str, capsys: pytest.CaptureFixture[str]) -> None:
