@@ -40,12 +40,15 @@ def cube(tmp_path: Path) -> Path:
     return tmp_path / "scans"
 
 
-def test_meshes_are_advised_only_if_none_were_given(caplog: pytest.LogCaptureFixture) -> None:
-    teapot = SimpleNamespace(card=SimpleNamespace(shapes=None))
-    for meshes, lines in ((["kept"], 0), ([], 1)):
-        fits = AccuracyFits({"teapot": teapot}, None, None, Namespace(meshes=meshes))  # type: ignore[dict-item, arg-type]
-        assert fits.procedural() == {}
-        assert len(caplog.records) == lines
+def test_a_model_whose_objects_nothing_draws_needs_meshes_or_frames() -> None:
+    models = {"teapot": SimpleNamespace(card=SimpleNamespace(shapes=None))}
+
+    def procedural(meshes: list[str], nocs: str | None) -> object:
+        return AccuracyFits(models, None, None, Namespace(meshes=meshes, nocs=nocs)).procedural()  # type: ignore[arg-type]
+
+    assert procedural(["kept"], None) == procedural([], "frames") == {}
+    with pytest.raises(ValueError, match="nothing draws objects of the category teapot; --meshes gives some"):
+        procedural([], None)
 
 
 def test_a_square_hides_a_share_of_the_object_and_its_mask() -> None:
