@@ -90,10 +90,12 @@ def test_all_sources_are_printed_noted_in_the_card_and_written(
     assert accuracy["unseen procedural objects, held-out families, upright views"]["all views"]["number"] == 2
 
 
-def test_figures_go_into_the_file_and_not_into_the_loaded_model(tiny: Path) -> None:
+def test_figures_go_into_the_file_and_not_into_the_loaded_model(tiny: Path, caplog: pytest.LogCaptureFixture) -> None:
     model = load(tiny)
     args = parser().parse_args(["--model", str(tiny)])
-    write_card({"mug": model}, args, {"mug": figures(2.0, 0.5)}, {}, [])
+    with caplog.at_level("INFO", "kfit"):
+        write_card({"mug": model}, args, {"mug": figures(2.0, 0.5)}, {}, [])
+    assert f"wrote the figures into {tiny}" in caplog.text
     assert model.card.accuracy == {}
     assert list(read_card(tiny).accuracy) == ["unseen procedural objects, held-out families, upright views"]
     with pytest.raises(FrozenInstanceError):
