@@ -17,6 +17,7 @@ from kfit.app.downloads import snippet_of, write_downloads
 from kfit.app.examples import Example
 from kfit.app.uploads import check_size, checked, read_upload, received
 from kfit.app.watched import Drawn, watched
+from kfit.geometry import CATEGORIES
 from kfit.models import load
 from kfit.pose import CategoryModel, PoseResult
 from kfit.pose.object_finder import FoundObject, box_of
@@ -140,12 +141,10 @@ class Session:
             ValueError: if the box holds no salient object, or there is no photo yet.
         """
         height, width = self.image.shape[:2]
-        left, top, across, down = (
-            round(part * whole) for part, whole in zip(box, (width, height, width, height), strict=True)
-        )
+        left, top, across, down = box
+        pixels = (round(left * width), round(top * height), round(across * width), round(down * height))
         self.target = None
-        box_in_pixels = (left, top, across, down)
-        self._point(["--box", *map(str, box_in_pixels)], box=box_in_pixels)
+        self._point(["--box", *map(str, pixels)], box=pixels)
 
     def paint(self, points: Sequence[tuple[float, float]], keep: bool) -> None:
         """Add what a brush went over to the mask, or take it away.
@@ -237,7 +236,8 @@ class Session:
         """Select the object of a mask or a box; ``words`` are the same for `kfit pose`."""
         (target,) = find_targets(self._photo_or_error(), **pointed)
         self._pointed, self._words = pointed, words
-        self._take_target(target)
+        own = self.category not in (None, *CATEGORIES)  # chosen, as kfit does not find it
+        self.target, self.category = target, self.category if own else target.category
 
     def _photo_or_error(self) -> Photo:
         if self.photo is None:

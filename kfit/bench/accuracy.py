@@ -194,6 +194,7 @@ def write_card(
         measured["objects of NOCS's frames, true masks"] = {**schedule, "objects": objects}
     card = replace(model.card, accuracy={**model.card.accuracy, **measured})
     write_model(Path(args.model), model.networks, card)  # the weights that were measured, with their card
+    log.info("wrote the figures into %s", args.model)
 
 
 def _schedule(args: Namespace) -> dict[str, Any]:

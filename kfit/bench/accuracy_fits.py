@@ -55,12 +55,16 @@ class AccuracyFits:
     views: dict[str, HeldOutViews] = field(default_factory=dict)
 
     def procedural(self) -> Figures:
-        """Figures of each category on objects that kfit draws."""
+        """Figures of each category on objects that kfit draws.
+
+        Raises:
+            ValueError: for a category whose objects nothing draws, if there is nothing else to measure on.
+        """
         found: Figures = {}
         for category, model in self.models.items():
             if model.card.shapes is None:
-                if not self.args.meshes:
-                    log.warning("%s: nothing draws its objects; --meshes gives some to measure on", category)
+                if not (self.args.meshes or self.args.nocs):
+                    raise ValueError(f"nothing draws objects of the category {category}; --meshes gives some")
                 continue
             task = self.bar.add_task(f"{category}, procedural", total=self.args.views)
             if category not in self.views:

@@ -9,7 +9,7 @@ from typing import Any
 
 from jsonargparse import ArgumentParser, Namespace
 
-from kfit.runtime.console import progress, table_console
+from kfit.runtime.console import log, progress, table_console
 
 # An answer of at least this confidence is taken for certain.
 CONFIDENT = 0.8
@@ -119,6 +119,7 @@ def run(args: Namespace) -> None:
     print_reliability(found.measured, "by cross-validation")
     print_sets(found.measured["sets"])
     print(f"covariances are multiplied by {found.covariance_factor:.2f}, by {len(distances)} right answers")
+    log.info("wrote the calibration into %s", args.model)
 
 
 def by_set(names: Sequence[str], probabilities: Sequence[float], right: Sequence[bool]) -> dict[str, Any]:

@@ -77,7 +77,8 @@ def _objects(category: Category, args: Namespace) -> Iterator[tuple[str, Mesh, L
             yield f"object {number}", *shapes.build(category, number)
         return
     files = find_mesh_files(args.meshes, [category.name])
-    log.info("%d meshes, %d of them drawn", len(files), min(len(files), args.objects))
+    if len(files) > args.objects:
+        log.info("drawing %d of %d meshes; --objects changes that", args.objects, len(files))
     for file in files[: args.objects]:
         mesh = with_exposure(file.mesh(), two_sided=None)
         name = "/".join(file.path.parts[-2:])  # many files of folders for each object are called model.obj

@@ -81,6 +81,8 @@ def find_mesh_files(places: str | Sequence[str], categories: Collection[str] = (
     found: dict[Path, MeshFile] = {}
     for place in [places] if isinstance(places, str) else places:
         category, path, up, front = _parts(place, categories)
+        if not path.exists():
+            raise FileNotFoundError(f"meshes must name files or folders of meshes, but there is no {path}")
         for file in [path] if path.is_file() else find_meshes(path):
             before = found.pop(file.resolve(), None)
             kept = category if category is not None or before is None else before.category

@@ -198,6 +198,11 @@ def _filled(settings: Any, name: str, numbers: Mapping[Any, Any], path: Path) ->
     cannot import code or call functions. Networks larger than the file's numbers are refused.
     """
     if not (isinstance(settings, dict) and isinstance(settings.get("class_path"), str)):
+        held = {str(key).partition(".")[0] for key in numbers} & ROLES.keys()
+        if held and name not in held:
+            raise ValueError(
+                f"{path} must hold the {name}, but holds the {', '.join(sorted(held))} of another training"
+            )
         raise ValueError(
             f"{path} names no class for the {name}: networks built in Python are not written by name, so train by a "
             "recipe or write the model with kfit.models.write_model"

@@ -101,7 +101,9 @@ class PoseTraining(Training):
         target = self.pose_head.log_kernel(azimuth, elevation, roll)
         loss = (target.exp() * (target - log_probability)).sum(1).mean()
         self.log(f"{stage}/pose", loss, prog_bar=True, batch_size=len(image), sync_dist=True)
-        likeliest = rotation_of(PosePosterior(self.pose_head)({}, Observation(image), 1, []))
+        # The head runs once: its rotations of all rolls make validation slower than training where views are few.
+        known = {self.pose_head.prediction_name: log_probability.detach()}
+        likeliest = rotation_of(PosePosterior(self.pose_head)({}, Observation(image, predictions=known), 1, []))
         truth = rotation_of({"azimuth": azimuth, "elevation": elevation, "roll": roll})
         self.record_rotations(likeliest, truth, self.pose_head.symmetry)
 

@@ -56,6 +56,20 @@ def test_the_file_alone_answers_and_the_downloads_repeat_the_answer(visit, uploa
     assert np.allclose(json.loads((visit.folder / "again" / "pose.json").read_text())["rotation"], answer["rotation"])
 
 
+def test_an_own_category_that_was_chosen_stays_chosen_when_a_box_is_drawn(visit, upload, drawn_mug):
+    visit.category = "teapot"
+    visit.draw((0.05, 0.05, 0.9, 0.9))
+    assert visit.category == "teapot"
+    visit.take_mask(upload(drawn_mug[..., 3], "mask.png"))
+    assert visit.category == "teapot"
+    visit.category = "bowl"  # of kfit's own the likely one is proposed, as before
+    visit.take_mask(upload(drawn_mug[..., 3], "mask.png"))
+    assert visit.category == visit.target.category == "mug"
+    visit.category = "teapot"
+    visit.take(upload(drawn_mug[..., :3], "another.png"))
+    assert visit.category != "teapot"
+
+
 def test_a_visitor_reads_that_own_categories_are_not_found_automatically(tmp_path):
     def hint(*categories):
         return Actions(SimpleNamespace(), Sessions(tmp_path, dict.fromkeys(categories, "a.safetensors"))).found

@@ -40,12 +40,15 @@ def cube(tmp_path: Path) -> Path:
     return tmp_path / "scans"
 
 
-def test_meshes_are_advised_only_if_none_were_given(caplog: pytest.LogCaptureFixture) -> None:
-    teapot = SimpleNamespace(card=SimpleNamespace(shapes=None))
-    for meshes, lines in ((["kept"], 0), ([], 1)):
-        fits = AccuracyFits({"teapot": teapot}, None, None, Namespace(meshes=meshes))  # type: ignore[dict-item, arg-type]
-        assert fits.procedural() == {}
-        assert len(caplog.records) == lines
+def test_a_model_whose_objects_nothing_draws_needs_meshes_or_frames() -> None:
+    models = {"teapot": SimpleNamespace(card=SimpleNamespace(shapes=None))}
+
+    def procedural(meshes: list[str], nocs: str | None) -> object:
+        return AccuracyFits(models, None, None, Namespace(meshes=meshes, nocs=nocs)).procedural()  # type: ignore[arg-type]
+
+    assert procedural(["kept"], None) == procedural([], "frames") == {}
+    with pytest.raises(ValueError, match="nothing draws objects of the category teapot; --meshes gives some"):
+        procedural([], None)
 
 
 def test_a_square_hides_a_share_of_the_object_and_its_mask() -> None:
@@ -87,10 +90,12 @@ def test_all_sources_are_printed_noted_in_the_card_and_written(
     assert accuracy["unseen procedural objects, held-out families, upright views"]["all views"]["number"] == 2
 
 
-def test_figures_go_into_the_file_and_not_into_the_loaded_model(tiny: Path) -> None:
+def test_figures_go_into_the_file_and_not_into_the_loaded_model(tiny: Path, caplog: pytest.LogCaptureFixture) -> None:
     model = load(tiny)
     args = parser().parse_args(["--model", str(tiny)])
-    write_card({"mug": model}, args, {"mug": figures(2.0, 0.5)}, {}, [])
+    with caplog.at_level("INFO", "kfit"):
+        write_card({"mug": model}, args, {"mug": figures(2.0, 0.5)}, {}, [])
+    assert f"wrote the figures into {tiny}" in caplog.text
     assert model.card.accuracy == {}
     assert list(read_card(tiny).accuracy) == ["unseen procedural objects, held-out families, upright views"]
     with pytest.raises(FrozenInstanceError):
@@ -109,7 +114,7 @@ def test_figures_go_into_the_file_and_not_into_the_loaded_model(tiny: Path) -> N
         (["--categories", "[]"], "--categories must name at least one"),
         (["--categories", "[bottle,teapot]"], "no bundled model"),
         (["--categories", "[mug]", "--views", "0", "--nocs", "nowhere"], "nowhere holds none of"),
-        (["--categories", "[mug]", "--views", "0", "--meshes", "[nowhere]"], "folder must be an existing folder"),
+        (["--categories", "[mug]", "--views", "0", "--meshes", "[nowhere]"], "meshes must name files or folders"),
     ],
 )
 def test_a_mistake_gets_one_sentence(words: list[str], sentence: str, capsys: pytest.CaptureFixture[str]) -> None:

@@ -64,7 +64,7 @@ def test_the_last_place_that_tells_how_a_file_stands_counts(tmp_path):
         ("pots@w", "says that 'w' is up"),
         ("pots@y,w", "says that 'w' is the front"),
         ("mugs=pots", "names category 'mugs'; those known are teapot"),
-        ("nowhere@z", "folder must be an existing folder"),
+        ("nowhere@z", "meshes must name files or folders of meshes, but there is no nowhere$"),
     ],
 )
 def test_places_that_cannot_be_get_a_sentence(tmp_path, monkeypatch, place, message):

@@ -10,7 +10,7 @@ import torch
 
 import kfit
 from kfit.generators import RotationHead
-from kfit.models import write_model
+from kfit.models import read_checkpoint, write_model
 from kfit.models.pack import pack
 from kfit.pose import CategoryModel
 from kfit.pose.confidence import Calibration
@@ -50,3 +50,27 @@ def test_a_head_of_another_category_is_an_error(tiny_model: CategoryModel, tiny_
     with pytest.raises(ValueError, match="--pose-head is of category bowl, the checkpoint of mug"):
         pack(tiny_file, tmp_path / "new.safetensors", headed)
     assert not (tmp_path / "new.safetensors").exists()
+
+
+@pytest.mark.parametrize(
+    ("held", "wanted", "sentence"),
+    [
+        (
+            ("extents", "generator"),
+            ("pose_head",),
+            "must hold the pose_head, but holds the extents, generator of another",
+        ),
+        (("pose_head",), ("generator",), "must hold the generator, but holds the pose_head of another training"),
+    ],
+)
+def test_the_checkpoint_of_another_training_is_called_that(
+    tmp_path: Path, held: tuple[str, ...], wanted: tuple[str, ...], sentence: str
+) -> None:
+    saved = {
+        "hyper_parameters": {name: {"class_path": "kfit.generators.ExtentsHead"} for name in held},
+        "datamodule_hyper_parameters": {"category": "mug"},
+        "state_dict": {f"{name}.weight": torch.zeros(1) for name in held},
+    }
+    torch.save(saved, tmp_path / "x.ckpt")
+    with pytest.raises(ValueError, match=f"x.ckpt {sentence}"):
+        read_checkpoint(tmp_path / "x.ckpt", wanted)

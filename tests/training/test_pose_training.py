@@ -190,3 +190,11 @@ class TestRandomRecolor:
     def test_of_a_negative_strength_is_an_error(self):
         with pytest.raises(ValueError, match="RandomRecolor: gamma"):
             RandomRecolor(-0.1)
+
+
+def test_validation_runs_the_head_once_for_a_batch(logged, monkeypatch):
+    module, rows, forward = build(), [], RotationHead.forward
+    monkeypatch.setattr(RotationHead, "forward", lambda head, image: (rows.append(len(image)), forward(head, image))[1])
+    with torch.no_grad():
+        module.validation_step(batch(rows=3), 0)
+    assert rows == [6]
