@@ -66,7 +66,8 @@ def _from_file(path: Path) -> Category:
 def _from_module(path: str) -> Category:
     module, _, name = path.rpartition(".")
     if not module:
-        near = difflib.get_close_matches(path, CATEGORIES, 1)
+        here = [f"{path}.yaml"] if Path(f"{path}.yaml").is_file() else []
+        near = here or difflib.get_close_matches(path, CATEGORIES, 1)
         meant = f"; did you mean {near[0]}?" if near else ""
         raise ValueError(
             f"category must be one of {', '.join(CATEGORIES)}, a .yaml file or an import path such as teapot.TEAPOT, "

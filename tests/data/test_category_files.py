@@ -60,6 +60,13 @@ def test_what_names_no_category_gets_a_sentence(own_pots, category, message):
         read_category(category)
 
 
+def test_the_file_of_a_category_s_name_in_the_folder_is_suggested(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "lamptop.yaml").touch()
+    with pytest.raises(ValueError, match=r"got 'lamptop'; did you mean lamptop\.yaml\?"):
+        read_category("lamptop")
+
+
 def test_a_file_that_is_no_category_names_itself(tmp_path):
     for number, text in enumerate(("- a", "{", "name: a\n", "name: a\nmean_diagonal: big\n")):
         path = tmp_path / f"{number}.yaml"
