@@ -59,8 +59,8 @@ def views_section(heading: str, figures: Mapping[str, Mapping[str, Any]]) -> Sec
             for which, group in found["called ambiguous"].items()
         ]
         notes.append(
-            f"{name}: called ambiguous: {', '.join(called) or 'none'}; {found['pictures a view']:.0f} pictures drawn and "
-            f"{found['seconds a view']:.2f} s a view."
+            f"{name}: called ambiguous: {', '.join(called) or 'none'}; {found['pictures a view']:.0f} pictures drawn "
+            f"and {found['seconds a view']:.2f} s a view."
         )
     if len(figures) > 1:
         rows.append(_row("mean", mean_of(figures), {}))
