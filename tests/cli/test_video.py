@@ -26,7 +26,7 @@ CAMERA = ["--intrinsics", "384", "384", "159.5", "119.5"]
 
 @pytest.fixture(scope="module")
 def truth() -> Clip:
-    return held_out_clip(load("laptop"), 5, FRAMES)
+    return held_out_clip(load("laptop"), 0, FRAMES)
 
 
 @pytest.fixture(scope="module")
