@@ -12,7 +12,7 @@ from kfit.data import build, pose_view
 @pytest.fixture(scope="session")
 def drawn_mug():
     """RGB and mask, (128, 128, 4) bytes."""
-    mesh, light = build("mug", 7)
+    mesh, light = build("mug", 11)
     view = pose_view(mesh, 0.5, 0.6, light, 128)
     return (255 * np.concatenate([view.image, view.mask[..., None]], 2)).round().astype(np.uint8)
 

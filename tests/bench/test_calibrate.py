@@ -23,8 +23,8 @@ def test_calibrate_writes_the_card_and_a_table_that_check_repeats(
     model: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     main(["calibrate", "--model", str(model), "--views", "7"])
-    printed, told = capsys.readouterr()
-    assert f"kfit: wrote the calibration into {model}" in told
+    printed, notes = capsys.readouterr()
+    assert f"kfit: wrote the calibration into {model}" in notes
     assert "by cross-validation" in printed
     assert "calibration error" in printed
     assert "covariances are multiplied by" in printed
@@ -35,8 +35,8 @@ def test_calibrate_writes_the_card_and_a_table_that_check_repeats(
     assert (one.fits["starts"], one.fits["steps"], one.fits["left"]) == (3, 2, 3)
     assert not any(isinstance(weight, Schedule) for weight in one.fits["weights"].values())
     main(["calibrate", "--model", str(model), "--views", "2", "--seed", "0", "--check"])
-    printed, told = capsys.readouterr()
-    assert "wrote" not in told
+    printed, notes = capsys.readouterr()
+    assert "wrote" not in notes
     assert "views have an energy above the card's" in printed
     assert "right answers have the truth in the 95 % ellipsoid of their covariance" in printed
     assert model.read_bytes() == written

@@ -25,7 +25,7 @@ def test_rows_of_files_with_one_name_are_told_apart_by_their_folders(meshes, tmp
     assert cv2.imread(str(tmp_path / "sheet.png")).shape[0] > 300
 
 
-@pytest.mark.parametrize(("objects", "said"), [("2", False), ("1", True)])
-def test_the_number_of_meshes_is_told_only_if_some_are_not_drawn(meshes, capsys, objects, said):
+@pytest.mark.parametrize(("objects", "counted"), [("2", False), ("1", True)])
+def test_the_number_of_meshes_is_told_only_if_some_are_not_drawn(meshes, capsys, objects, counted):
     main(["views", "--category", "mug", "--meshes", "meshes", "--objects", objects, "--show", "sheet.png"])
-    assert ("drawing 1 of 2 meshes; --objects changes that" in capsys.readouterr().err) is said
+    assert ("drawing 1 of 2 meshes; --objects changes that" in capsys.readouterr().err) is counted
