@@ -124,11 +124,11 @@ def serve(host: str, port: int | None, models: Sequence[str] = ()) -> None:
         except OSError as error:
             asked = "7860 and the hundred after it" if port is None else str(port)
             raise OSError(f"port {asked} of {host} cannot be had; name a free one by --port") from error
-        print(f"kfit: open {address} in a browser; Ctrl-C ends it", file=sys.stderr, flush=True)
-        if host in LOOPBACK and has_screen():
-            webbrowser.open(address)
         signal.signal(signal.SIGTERM, signal.default_int_handler)
         try:
+            print(f"kfit: open {address} in a browser; Ctrl-C ends it", file=sys.stderr, flush=True)
+            if host in LOOPBACK and has_screen():
+                webbrowser.open(address)
             Event().wait()
         except KeyboardInterrupt:
             blocks.close(verbose=False)
