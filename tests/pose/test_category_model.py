@@ -55,7 +55,7 @@ def test_a_bundled_model_finds_pose_and_place_of_a_drawn_object(category: str) -
 
 @pytest.mark.slow
 def test_depth_fixes_distance_and_size_of_an_object_larger_than_its_kind() -> None:
-    mesh, light = build("laptop", 10)
+    mesh, light = build("laptop", 1_000_002, held_out=True)
     diagonal = 1.3 * kfit.load("laptop").card.mean_diagonal
     pose = np.eye(4)
     turn = rotation_from_angles(torch.tensor(0.5), torch.tensor(0.6), torch.tensor(0.0)).numpy()
