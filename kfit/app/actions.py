@@ -26,7 +26,7 @@ from kfit.reports.scene import scene, scene_html
 
 BOX = "<b>Drag a box around the object</b>, close to its edges. Or tap two opposite corners."
 FOUND = "Bright is what was found. <b>Press Fit</b>, tap another, drag a box, or correct what is bright."
-MASKED = "Bright is what will be fitted. <b>Choose what it is, and press Fit</b>; not right? Correct it, or drag a box."
+MASKED = "Bright is what will be fitted. <b>{} what it is, and press Fit</b>; not right? Correct it, or drag a box."
 AGAIN = "<b>Drag another box around the object</b>, close to its edges. Or tap two opposite corners."
 THANKS = "The example's mask is bright. Correct it, or drag a box of your own, and press Fit for another answer."
 Changes = dict[Any, Any]
@@ -86,7 +86,9 @@ class Actions:
             session.take(Path(file))
         except Exception as error:
             return {**self._shown(session, self.found), self.parts.photo_problem: views.problem(sentence_of(error))}
-        return self._shown(session, self.found if session.targets else BOX if session.mask is None else MASKED)
+        return self._shown(
+            session, self.found if session.targets else BOX if session.mask is None else _masked_hint(session)
+        )
 
     def take_example(self, token: str, event: gr.EventData) -> Changes:
         """Take an example."""
@@ -113,7 +115,7 @@ class Actions:
         """Take a mask from a file."""
         session = self.sessions.of(token)
         session.take_mask(Path(file))
-        return self._masked(session, MASKED)
+        return self._masked(session, _masked_hint(session))
 
     def draw(self, token: str, event: gr.EventData) -> Changes:
         """Find the object in a box."""
@@ -122,13 +124,13 @@ class Actions:
             session.draw(tuple(float(part) for part in event.box))  # type: ignore[arg-type]
         except ValueError as error:
             return {**self._masked(session, AGAIN), self.parts.photo_problem: views.problem(str(error))}
-        return self._masked(session, MASKED)
+        return self._masked(session, _masked_hint(session))
 
     def paint(self, token: str, event: gr.EventData) -> Changes:
         """Correct the mask by a stroke."""
         session = self.sessions.of(token)
         session.paint([(float(x), float(y)) for x, y in event.points], bool(event.keep))
-        return self._masked(session, MASKED)
+        return self._masked(session, _masked_hint(session))
 
     def change_category(self, token: str, category: str) -> Changes:
         """Note what the visitor takes the object for."""
@@ -227,6 +229,10 @@ class Actions:
             parts.fit: gr.update(visible=True, interactive=session.mask is not None),
             parts.stop: gr.update(visible=False),
         }
+
+
+def _masked_hint(session: Session) -> str:
+    return MASKED.format("Choose" if session.category is None else "Check")
 
 
 def _layer(session: Session, hint: str) -> dict[str, str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -25,11 +25,12 @@ SEED_STRIDE = 1 << 24
 _MANY = 1000
 
 
-class DrawnObjects(Dataset[tuple[np.ndarray, ...]]):
+class DrawnObjects(Dataset[tuple[np.ndarray, ...] | Exception]):
     """Views of each object, as `kfit.data.build_views` draws and keeps them.
 
     Each is RGB and mask (V, S, S, 4) uint8, depth (V, S, S) relative to the object's centre, elevations and azimuths
-    (V, 2) in degrees, distances (V,) in box diagonals, and extents (3,).
+    (V, 2) in degrees, distances (V,) in box diagonals, and extents (3,). In place
+    of an object whose file cannot be read is the error.
 
     Args:
         settings: settings of the build.
@@ -45,7 +46,13 @@ class DrawnObjects(Dataset[tuple[np.ndarray, ...]]):
     def __len__(self) -> int:
         return len(self.indices)
 
-    def __getitem__(self, number: int) -> tuple[np.ndarray, ...]:
+    def __getitem__(self, number: int) -> tuple[np.ndarray, ...] | Exception:
+        try:
+            return self._drawn(number)
+        except (OSError, ValueError) as error:  # raised in another process, it would bring PyTorch's traceback along
+            return error
+
+    def _drawn(self, number: int) -> tuple[np.ndarray, ...]:
         index, settings = self.indices[number], self.settings
         seed, held_out, count = (settings[name] for name in ("seed", "held_out", "num_views"))
         size, unit_fraction, supersample = (settings[name] for name in ("image_size", "unit_fraction", "supersample"))
@@ -66,13 +73,26 @@ class DrawnObjects(Dataset[tuple[np.ndarray, ...]]):
         return images, np.stack(depth), np.stack([elevations, azimuths], axis=1), distances, mesh.extents
 
 
-def in_order(objects: DrawnObjects) -> DataLoader[Any]:
-    """Yield the objects in order, drawn by several processes if there are many objects and cores."""
+def in_order(objects: DrawnObjects) -> Iterator[tuple[np.ndarray, ...]]:
+    """Yield the objects in order, drawn by several processes if there are many objects and cores.
+
+    Raises:
+        OSError, ValueError: if a mesh file cannot be read.
+    """
     many = cores() > 1 and len(objects) * objects.settings["num_views"] >= _MANY
     # They draw and nothing else, so that PyTorch's threads, of which Python warns, do not matter to them.
     warnings.filterwarnings("ignore", message=".*use of fork\\(\\) may lead to deadlocks.*")
     workers = cores() if many else 0
-    return DataLoader(objects, batch_size=None, num_workers=workers, collate_fn=tuple, worker_init_fn=on_one_core)
+    for drawn in DataLoader(
+        objects, batch_size=None, num_workers=workers, collate_fn=_unchanged, worker_init_fn=on_one_core
+    ):
+        if isinstance(drawn, Exception):
+            raise drawn
+        yield drawn
+
+
+def _unchanged(drawn: Any) -> Any:
+    return drawn
 
 
 def _object(source: str | Category | Sequence[MeshFile], seed: int, index: int, held_out: bool) -> tuple[Mesh, Light]:

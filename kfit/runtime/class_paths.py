@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import importlib
+import inspect
 import re
 import sys
 from collections.abc import Iterable
@@ -103,6 +104,21 @@ def near_class(text: str) -> str | None:
     return None
 
 
+def near_argument(text: str) -> str | None:
+    """Argument of a class that a misspelt one in an error of jsonargparse may have meant.
+
+    >>> import kfit.energies
+    >>> near_argument("Problem with given class_path 'kfit.energies.Depth': Option 'enrgy' is not accepted")
+    'energy'
+    """
+    if (found := _ARGUMENT.search(text)) is None:
+        return None
+    module, _, name = found[1].rpartition(".")
+    kind = getattr(sys.modules.get(module), name, None)
+    return None if kind is None else _near(found[2], inspect.signature(kind).parameters)
+
+
+_ARGUMENT = re.compile(r"class_path '([\w.]+)':\s+Option '(\w+)' is not accepted")
 _PATH = re.compile(r"[A-Za-z_]\w*(?:\.[A-Za-z_]\w*)+")
 _NAME = re.compile(r"(?:class_path|dot import path string:)\W+(\w+)(?=['\"\s]|$)")
 

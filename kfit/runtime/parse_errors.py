@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from kfit.runtime.class_paths import near_class
+from kfit.runtime.class_paths import near_argument, near_class
 
 KEY = re.compile(r'Parser key "([^"]+)"(?: element \d+)?: *(.*)')
 EXPECTED = re.compile(r"Expected an? (?:<class '([\w.]+)'>|typing\.Literal\[(.*?)\])(?:\. Got value: *(.*))?")
@@ -23,9 +23,9 @@ def sentence(message: str) -> str:
     """The innermost reason of the tree that jsonargparse draws of keys and of the types that were tried.
 
     ``trainer.max_epochs must be a whole number or null, got many``. What is no such tree is put on one line. Where a
-    class is misspelt, the one that may be meant is named.
+    class or its argument is misspelt, the one that may be meant is named.
     """
-    near = near_class(message)
+    near = near_class(message) or near_argument(message)
     return _reason(message) + (f"; did you mean {near}?" if near else "")
 
 

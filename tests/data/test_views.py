@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from kfit.data import drawn_objects, view_parts
+from kfit.data.mesh_places import find_mesh_files
 from kfit.data.rasterizer import pose_view
 from kfit.data.rendered_views import build_views
 from kfit.data.shapes import build
@@ -114,6 +115,16 @@ def test_several_processes_draw_what_one_draws(tmp_path, monkeypatch):
     elsewhere = contents(build_views(tmp_path / "elsewhere.h5", "mug", 5, 2, image_size=24))
     for name, array in here.items():
         np.testing.assert_array_equal(array, elsewhere[name])
+
+
+@pytest.mark.parametrize("processes", [1, 2])
+def test_a_mesh_that_cannot_be_read_is_named_by_any_process(processes, tmp_path, monkeypatch):
+    monkeypatch.setattr(drawn_objects, "_MANY", 1)
+    monkeypatch.setattr(drawn_objects, "cores", lambda: processes)
+    (tmp_path / "empty.stl").write_text("solid\nendsolid\n")
+    with pytest.raises(ValueError, match=r"path must hold triangles, but \S*empty\.stl has none\.$"):
+        build_views(tmp_path / "views.h5", find_mesh_files(str(tmp_path / "empty.stl")), 2, 2, image_size=24)
+    assert not (tmp_path / "views.h5").exists()
 
 
 def test_what_a_broken_build_left_is_done_over(tmp_path):

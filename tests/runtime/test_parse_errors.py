@@ -44,6 +44,13 @@ CALLBACKS = """Parser key "trainer.callbacks":
             ),
             "model.generator: module 'kfit.generators' has no attribute 'VAE3'; did you mean kfit.generators.VAE3D?",
         ),
+        (
+            MODEL.format(
+                "",
+                "Problem with given class_path 'kfit.generators.VAE3D':\n          Option 'code_dims' is not accepted",
+            ),
+            "model.generator: Option 'code_dims' is not accepted; did you mean code_dim?",
+        ),
     ],
 )
 def test_a_misspelt_class_is_named_with_its_argument_and_the_one_meant(text, message):
