@@ -22,7 +22,7 @@ CATEGORIES = tuple(geometry.CATEGORIES)
 """Names of kfit's own categories, in the order of NOCS's class ids 1 to 6."""
 
 
-VERSION = 12
+VERSION = 13
 """Incremented when a seed gives another object, so that cached views are rendered again."""
 
 

@@ -25,6 +25,8 @@ HELD_OUT_TEXTURES: dict[str, tuple[textures.Family, float]] = {
     "zigzag": (textures.zigzag, 0.5),
     "picture": (prints.picture_print, 1.0),
 }
+# Share of taught bottles whose shape belongs to no family, and of those whose pattern belongs to none.
+FREE = 0.35
 
 
 def build(rng: np.random.Generator, held_out: bool) -> Mesh:
@@ -32,6 +34,10 @@ def build(rng: np.random.Generator, held_out: bool) -> Mesh:
     shapes = HELD_OUT_SHAPES if held_out else SHAPES
     form = shapes[str(rng.choice(list(shapes)))]
     family = textures.choose(rng, HELD_OUT_TEXTURES if held_out else TEXTURES)
+    if not held_out and rng.random() < FREE:
+        form = _free(rng)
+    if not held_out and rng.random() < FREE:
+        family = textures.mixed
     height = float(rng.uniform(*form.height))
     base = _body_color(rng, form.tone)
     section = _section(rng, form)
@@ -57,6 +63,33 @@ def build(rng: np.random.Generator, held_out: bool) -> Mesh:
     if form.section != "round" and rng.random() < 0.7:  # a spray's head lies in the plane of the wide face
         top = [part.transformed(turn_y(-np.pi / 2)) for part in top]
     return join(parts + top)
+
+
+def _free(rng: np.random.Generator) -> Form:
+    """A bottle of no family: straight or waisted, with a shoulder and a neck of any height and width, and any top."""
+    shoulder, neck = rng.uniform(0.35, 0.9), rng.uniform(0.26, 0.8)
+    waist, narrowing = rng.uniform(0.75, 1.0), shoulder + (1 - shoulder) * rng.uniform(0.25, 0.9)
+    profile = (
+        (rng.uniform(0.7, 1.0), 0.0),
+        (1.0, shoulder * rng.uniform(0.1, 0.3)),
+        (waist if rng.random() < 0.5 else 1.0, shoulder * rng.uniform(0.45, 0.8)),
+        (rng.uniform(0.85, 1.0), shoulder),
+        (neck * rng.uniform(1.0, 1.2), narrowing),
+        (neck, 1.0),
+    )
+    section = str(rng.choice(["round", "oval", "square"]))
+    tops = sorted({top for form in SHAPES.values() for top in form.tops if top != "none"})
+    height, depth = float(np.exp(rng.uniform(np.log(1.3), np.log(4.4)))), float(rng.uniform(0.32, 1.0))
+    return Form(
+        profile,
+        (height, height),
+        section,
+        (str(rng.choice(tops)),),
+        (1.0, 1.0) if section == "round" else (depth, depth),
+        label=(0.15, shoulder),
+        base=str(rng.choice(["ring", "punt", "petals"])),
+        tone=str(rng.choice(["any", "glass", "clear", "steel"])),
+    )
 
 
 def _body_color(rng: np.random.Generator, tone: str) -> np.ndarray:

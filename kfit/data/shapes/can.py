@@ -152,6 +152,8 @@ HELD_OUT_TEXTURES: dict[str, tuple[textures.Family, float]] = {
     "blotches": (textures.blotches, 0.7),
     "marble": (textures.marble, 0.7),
 }
+# Share of taught cans whose shape belongs to no family, and of those whose pattern belongs to none.
+FREE = 0.35
 
 
 def build(rng: np.random.Generator, held_out: bool) -> Mesh:
@@ -159,6 +161,10 @@ def build(rng: np.random.Generator, held_out: bool) -> Mesh:
     shapes = HELD_OUT_SHAPES if held_out else SHAPES
     form = shapes[str(rng.choice(list(shapes)))]
     family = textures.choose(rng, HELD_OUT_TEXTURES if held_out else TEXTURES)
+    if not held_out and rng.random() < FREE:
+        form = _free(rng)
+    if not held_out and rng.random() < FREE:
+        family = textures.mixed
     height = float(rng.uniform(*form.height))
     tin = colors.metal(rng)
     base = tin if rng.random() < 0.15 else colors.any_color(rng, whites=0.25)
@@ -174,6 +180,26 @@ def build(rng: np.random.Generator, held_out: bool) -> Mesh:
     parts += can_ends.bottom(rng, form.bottom, float(wall[0, 0]), bare if glass else tin)
     parts += can_ends.top(rng, str(rng.choice(form.tops)), float(wall[-1, 0]), height, tin)
     return join(parts)
+
+
+def _free(rng: np.random.Generator) -> Form:
+    """A can of no family: flat to tall, with any shoulders, beads, ends and print."""
+    height, beads = float(np.exp(rng.uniform(np.log(0.35), np.log(3.0)))), int(rng.integers(0, 14))
+    end, foot = rng.uniform(0.65, 1.0, 2)
+    shoulder, heel = np.exp(rng.uniform(np.log([0.008, 0.01]), np.log([0.25, 0.14])))
+    start, stop = rng.uniform(0, 0.25), rng.uniform(0.6, 1.0)
+    return Form(
+        (height, height),
+        (end, end),
+        (shoulder, shoulder),
+        (0, 1) if rng.random() < 0.6 else (beads, beads + 1),
+        tops=tuple(sorted({top for form in SHAPES.values() for top in form.tops})),
+        bottom=str(rng.choice(["seam", "dome", "glass"])),
+        foot=(foot, foot),
+        heel=(heel, heel),
+        bulge=float(rng.uniform(-0.03, 0.06)) if rng.random() < 0.4 else 0.0,
+        band=(start, stop) if rng.random() < 0.4 else (0.0, 1.0),
+    )
 
 
 def _wall(rng: np.random.Generator, form: Form, height: float, beads: int) -> tuple[np.ndarray, tuple[int, int]]:
