@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import cached_property, partial
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -202,17 +203,19 @@ class CategoryModel(CategoryNetworks):
         """
         with torch.no_grad():
             extents = self.extents(fit.values["code"].to(self.device)).double().cpu()
-        drawn = self.draw(fit.values).image.movedim(1, -1)
+        drawn = self.draw(fit.values)
         log_probabilities = self.pose_log_probabilities(observation)
         by_head = [None] * len(observed) if log_probabilities is None else list(log_probabilities)
         fit = fit.to("cpu")
         return [
-            self._interpreted(fit[n], one, extents[n], drawn[n], by_head[n]) if fit.start[n] >= 0 else None
+            self._interpreted(fit[n], one, extents[n], drawn.map(itemgetter(slice(n, n + 1))), by_head[n])
+            if fit.start[n] >= 0
+            else None
             for n, one in enumerate(observed)
         ]
 
     def _interpreted(
-        self, fit: FitResult, observed: ObservedObject, extents: Tensor, drawing: Tensor, by_head: Tensor | None
+        self, fit: FitResult, observed: ObservedObject, extents: Tensor, drawing: Rendering, by_head: Tensor | None
     ) -> PoseResult:
         rotation, translation, diagonal = placement(fit.values, observed.crop, observed.intrinsics, self.card)
         # From the crop's virtual camera to the photo's: the same rotation for every start, up to their shifts.

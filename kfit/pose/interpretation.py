@@ -15,7 +15,7 @@ from kfit.generators.surface import Surface
 from kfit.geometry import Category, with_focal
 from kfit.pose.confidence import DOUBTFUL
 from kfit.pose.hypotheses import PoseHypotheses
-from kfit.pose.object_depth import wrong_size
+from kfit.pose.object_depth import wrong_depth, wrong_size
 from kfit.pose.observed_object import ObservedObject
 from kfit.pose.result import PoseResult
 
@@ -35,7 +35,7 @@ def interpret(
     observed: ObservedObject,
     placed: tuple[Tensor, Tensor, Tensor],
     hypotheses: PoseHypotheses,
-    drawing: Tensor,
+    drawing: Rendering,
     draw: Callable[[Variables], Rendering],
     find_covariance: Callable[[], NDArray[np.float64]],
     surface: Callable[[], Surface] | None = None,
@@ -48,7 +48,7 @@ def interpret(
         observed: Object in the photo that the fit explains.
         placed: The winner's rotation (3, 3), translation (3,) and size (3,) in the photo's camera, in metres.
         hypotheses: Poses of the fit, and the confidence in the first of them.
-        drawing: (S, S, 3) rendering of the winner.
+        drawing: Rendering of the winner, one picture.
         draw: Function that renders the fit's values.
         find_covariance: Function that computes the covariance of the winner's pose.
         surface: Function that extracts the fitted object's surface.
@@ -59,7 +59,11 @@ def interpret(
         if "focal" in fit.values:
             camera = with_focal(camera, fit.values["focal"][0].double() * observed.crop.side)
         notes.append(_lens_note(camera, max(observed.image.shape[:2])))
-    size_warning = wrong_size(category, float(size.norm())) if "distance" in fit.values else None
+    size_warning, depth_warning = None, None
+    if "distance" in fit.values:
+        diagonal = float(size.norm())
+        size_warning = wrong_size(category, diagonal)
+        depth_warning = wrong_depth(drawing, observed.observation, float(fit.values["distance"][0]), diagonal)
     most = DOUBTFUL if observed.doubtful or size_warning is not None else 1.0
     rows, columns = (np.flatnonzero((observed.mask > 0.5).any(axis)) for axis in (1, 0))
     left, top = int(columns[0]), int(rows[0])
@@ -82,13 +86,17 @@ def interpret(
         focal_log_sd=FOCAL_LOG_SD[observed.intrinsics_from],
         notes=[
             *notes,
-            *(note for note in (size_warning, hypotheses.warning, hypotheses.ambiguity) if note is not None),
+            *(
+                note
+                for note in (size_warning, depth_warning, hypotheses.warning, hypotheses.ambiguity)
+                if note is not None
+            ),
         ],
         image=observed.image,
         mask=observed.mask,
         crop=observed.crop,
         observation=observed.observation,
-        drawing=drawing.numpy(),
+        drawing=drawing.image[0].movedim(0, -1).numpy(),
         fit=fit,
         draw=draw,
         find_covariance=find_covariance,

@@ -1,4 +1,4 @@
-"""Plausibility of a depth map for the object: its unit, by the sizes of the category, and outliers."""
+"""Plausibility of a depth map for the object: its unit, by the category's sizes, outliers, and what is drawn."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from kfit.core import Observation, Rendering
 from kfit.geometry import Category
 
 # Factors of depth that was read in the wrong unit: as metres, or as millimetres in a 16-bit picture.
@@ -34,6 +35,8 @@ DEEP = 1.6
 NEARER = 0.8
 # Fractions of the known depths that are consistent: a note below the first, a warning below the second.
 MOST, FEW = 0.98, 0.7
+# Drawn and measured depth agree within this many box diagonals, and should on this fraction of the object.
+NEAR, AGREEING = 0.1, 0.75
 
 
 def object_depth(
@@ -90,6 +93,26 @@ def wrong_size(category: Category, diagonal: float) -> str | None:
     if least <= diagonal <= most:
         return None
     return f"{_sentence(category, diagonal)}; the confidence is 50 % at most"
+
+
+def wrong_depth(drawn: Rendering, observation: Observation, distance: float, diagonal: float) -> str | None:
+    """Return a sentence if the drawing's depth differs from the measured depth on much of the object.
+
+    Then the drawing does not have the object's shape, and what it says about distance and size is uncertain.
+
+    Args:
+        drawn: rendering of the fit, with depth in box diagonals behind the object's centre.
+        observation: the observation of one object that was fitted, with its depth in metres.
+        distance: of the object's centre, in metres.
+        diagonal: of the object's box, in metres.
+    """
+    measured = observation.field("depth")
+    on_object = measured.isfinite() & (observation.field("mask") > 0.5)
+    off = (distance + diagonal * drawn.field("depth") - measured).abs()[on_object]
+    share = float((off < NEAR * diagonal).double().mean())
+    if not share < AGREEING:
+        return None
+    return f"drawn and measured depth agree on {100 * share:.0f} % of the object only: distance and size may be off"
 
 
 def _outline(there: NDArray[np.bool_], distance: float, intrinsics: Tensor) -> float:

@@ -2,8 +2,9 @@ import numpy as np
 import pytest
 import torch
 
+from kfit.core import Observation, Rendering
 from kfit.geometry import CATEGORIES
-from kfit.pose.object_depth import object_depth, wrong_size
+from kfit.pose.object_depth import object_depth, wrong_depth, wrong_size
 
 CAMERA = torch.tensor([[600.0, 0, 320], [0, 600, 240], [0, 0, 1]], dtype=torch.float64)
 MUG = CATEGORIES["mug"]
@@ -76,3 +77,19 @@ def test_half_of_the_mask_on_the_background_is_doubted(half: str) -> None:
 def test_a_depth_that_is_known_nowhere_on_the_object_is_refused() -> None:
     with pytest.raises(ValueError, match="unknown everywhere on the object"):
         object_depth(DEPTH * (MASK == 0), MASK, CAMERA, MUG)
+
+
+@pytest.mark.parametrize(("share", "warned"), [(0.2, False), (0.3, True)])
+def test_a_drawing_whose_depth_differs_on_much_of_the_object_is_reported(share: float, warned: bool) -> None:
+    mask = torch.zeros(1, 1, 20, 20)
+    mask[..., 5:15, :] = 1
+    measured = torch.where(mask > 0, 0.62, 3.0)
+    measured[..., :10] += 0.05
+    measured[..., 6, :] = torch.nan
+    drawn = torch.where(torch.arange(20) < 10, 0.35, 0.1).expand(1, 1, 20, 20).clone()  # 0.6 m away, diagonal 0.2 m
+    drawn[..., : round(20 * share)] += 0.6
+    rendering = Rendering(torch.ones(1, 3, 20, 20), torch.ones_like(mask), drawn)
+    warning = wrong_depth(rendering, Observation(torch.ones(1, 3, 20, 20), mask, depth=measured), 0.6, 0.2)
+    assert (warning is not None) == warned
+    if warned:
+        assert warning == ("drawn and measured depth agree on 70 % of the object only: distance and size may be off")
