@@ -130,6 +130,7 @@ def run(args: Namespace) -> None:
             if (found := of_seed[seed].saved(unit, category)) is not None:
                 rows[seed, category, unit] = found
         missing = [row for row in dict.fromkeys(wanted) if row not in rows]
+        written: list[Path] = []
         bar.update(whole, total=len(missing))
         for done, (seed, category, unit) in enumerate(missing):
             if args.hours is not None and time.monotonic() - begun > 3600 * args.hours:
@@ -138,10 +139,10 @@ def run(args: Namespace) -> None:
             rows[seed, category, unit] = of_seed[seed].measured(unit, category)
             bar.advance(whole)
             log.info("measured %s, %s, seed %d: row %d of %d", category, unit, seed, done + 1, len(missing))
-            _write(args, tables, categories, rows, how)
+            written = _write(args, tables, categories, rows, how)
     if not rows:
         raise ValueError(f"--hours {args.hours:g} left no time for a row")
-    for path in _write(args, tables, categories, rows, how):
+    for path in written or _write(args, tables, categories, rows, how):
         log.info("wrote %s", path)
 
 
