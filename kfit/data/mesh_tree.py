@@ -7,6 +7,7 @@ import io
 import re
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
+from io import UnsupportedOperation
 from pathlib import Path
 from typing import NoReturn
 
@@ -81,12 +82,12 @@ class MeshTree(Resolver):
         return iter(())
 
     def namespaced(self, namespace: str) -> NoReturn:
-        """Not needed to read a mesh."""
-        raise NotImplementedError
+        """Refuse: names are those in the mesh's own folder."""
+        raise UnsupportedOperation("a mesh's folder has no names below it")
 
     def write(self, name: str, data: object) -> NoReturn:
-        """Not needed to read a mesh."""
-        raise NotImplementedError
+        """Refuse: the mesh's folder is only read."""
+        raise UnsupportedOperation("a mesh's folder is only read")
 
 
 def roots(path: Path) -> list[Path]:
