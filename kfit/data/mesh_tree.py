@@ -7,7 +7,6 @@ import io
 import re
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
-from io import UnsupportedOperation
 from pathlib import Path
 from typing import NoReturn
 
@@ -83,11 +82,11 @@ class MeshTree(Resolver):
 
     def namespaced(self, namespace: str) -> NoReturn:
         """Refuse: names are those in the mesh's own folder."""
-        raise UnsupportedOperation("a mesh's folder has no names below it")
+        raise io.UnsupportedOperation("a mesh's folder has no names below it")
 
     def write(self, name: str, data: object) -> NoReturn:
         """Refuse: the mesh's folder is only read."""
-        raise UnsupportedOperation("a mesh's folder is only read")
+        raise io.UnsupportedOperation("a mesh's folder is only read")
 
 
 def roots(path: Path) -> list[Path]:
