@@ -57,9 +57,7 @@ PAIRS = [
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("category", "photo", "mask", "depth"), PAIRS)
-def test_a_picture_without_an_object_is_answered_without_confidence(category, photo, mask, depth, request) -> None:
-    if (category, photo) == ("can", "checkerboard"):
-        request.applymarker(pytest.mark.xfail(strict=True, reason="docs/promises.md: 61 % as a can"))
+def test_a_picture_without_an_object_is_answered_without_confidence(category, photo, mask, depth) -> None:
     answer = kfit.load(category).pose(PHOTOS[photo].astype(np.float32), mask=MASKS[mask], depth=DEPTHS[depth])
     assert answer.confidence <= 0.5
     assert np.isfinite([*answer.rotation.flatten(), *answer.translation, *answer.size]).all()
