@@ -27,6 +27,7 @@ HELD_OUT_TEXTURES: dict[str, tuple[textures.Family, float]] = {
 }
 # Share of taught bottles whose shape belongs to no family, and of those whose pattern belongs to none.
 FREE = 0.35
+FREE_TOPS = sorted({top for form in SHAPES.values() for top in form.tops if top != "none"})
 
 
 def build(rng: np.random.Generator, held_out: bool) -> Mesh:
@@ -78,13 +79,12 @@ def _free(rng: np.random.Generator) -> Form:
         (neck, 1.0),
     )
     section = str(rng.choice(["round", "oval", "square"]))
-    tops = sorted({top for form in SHAPES.values() for top in form.tops if top != "none"})
     height, depth = float(np.exp(rng.uniform(np.log(1.3), np.log(4.4)))), float(rng.uniform(0.32, 1.0))
     return Form(
         profile,
         (height, height),
         section,
-        (str(rng.choice(tops)),),
+        (str(rng.choice(FREE_TOPS)),),
         (1.0, 1.0) if section == "round" else (depth, depth),
         label=(0.15, shoulder),
         base=str(rng.choice(["ring", "punt", "petals"])),

@@ -154,6 +154,7 @@ HELD_OUT_TEXTURES: dict[str, tuple[textures.Family, float]] = {
 }
 # Share of taught cans whose shape belongs to no family, and of those whose pattern belongs to none.
 FREE = 0.35
+FREE_TOPS = tuple(sorted({top for form in SHAPES.values() for top in form.tops}))
 
 
 def build(rng: np.random.Generator, held_out: bool) -> Mesh:
@@ -193,7 +194,7 @@ def _free(rng: np.random.Generator) -> Form:
         (end, end),
         (shoulder, shoulder),
         (0, 1) if rng.random() < 0.6 else (beads, beads + 1),
-        tops=tuple(sorted({top for form in SHAPES.values() for top in form.tops})),
+        tops=FREE_TOPS,
         bottom=str(rng.choice(["seam", "dome", "glass"])),
         foot=(foot, foot),
         heel=(heel, heel),
