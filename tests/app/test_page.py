@@ -37,7 +37,7 @@ def served(tmp_path_factory):
     assert lines == [f"kfit: open http://127.0.0.1:{port}/ in a browser; Ctrl-C ends it\n"]
     yield f"http://127.0.0.1:{port}/", folder
     server.send_signal(signal.SIGTERM)
-    assert server.wait(120) == 0
+    assert server.wait(30) == 0
     left = server.stderr.read()
     server.stderr.close()
     # Gradio reports an error of its own when a run ends while it is being cancelled.
