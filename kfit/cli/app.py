@@ -5,6 +5,9 @@ Needs the package's extra: pip install 'kfit[app]'.
 
 from __future__ import annotations
 
+import os
+import sys
+
 from jsonargparse import ArgumentParser, Namespace
 
 
@@ -38,7 +41,10 @@ def parser() -> ArgumentParser:
 
 
 def run(args: Namespace) -> None:
-    """Serve the page until Ctrl-C."""
+    """Serve the page until Ctrl-C, then end the process."""
     from kfit.app.serve import serve
 
     serve(args.host, args.port, [args.models] if isinstance(args.models, str) else args.models)
+    # Gradio's threads may still compute. Python would stop them inside torch as it ends, which aborts or hangs.
+    sys.stderr.flush()
+    os._exit(0)

@@ -18,6 +18,7 @@ from lightning.pytorch import Callback, LightningDataModule, LightningModule, Tr
 from lightning.pytorch.callbacks import LearningRateMonitor
 from lightning.pytorch.cli import LightningArgumentParser, LightningCLI
 from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger
+from torch import distributed
 
 from kfit.data import ViewsDataModule, read_category
 from kfit.geometry.categories import CATEGORIES, Category
@@ -188,32 +189,37 @@ def run(words: Sequence[str], callbacks: Sequence[Callback] = ()) -> None:
         for part in ("pytorch", "fabric"):
             logging.getLogger(f"lightning.{part}").setLevel(log.level)
         defaults |= {"enable_progress_bar": False, "enable_model_summary": False}
-    _CLI(
-        LightningModule,
-        LightningDataModule,
-        subclass_mode_model=True,
-        subclass_mode_data=True,
-        auto_configure_optimizers=False,
-        seed_everything_default=0,
-        trainer_defaults=defaults or None,
-        save_config_kwargs={"overwrite": True},
-        parser_class=_Parser,
-        # The usage that would be listed otherwise names some eighty options.
-        parser_kwargs={
-            "prog": "kfit",
-            "formatter_class": HelpPage,
-            "exit_on_error": False,
-            **{
-                name: {
-                    "exit_on_error": False,
-                    "usage": f"kfit {name} -c RECIPE [--OPTION VALUE …]",
-                    "epilog": f"example:\n  {example}",
-                }
-                for name, example in COMMANDS.items()
+    try:
+        _CLI(
+            LightningModule,
+            LightningDataModule,
+            subclass_mode_model=True,
+            subclass_mode_data=True,
+            auto_configure_optimizers=False,
+            seed_everything_default=0,
+            trainer_defaults=defaults or None,
+            save_config_kwargs={"overwrite": True},
+            parser_class=_Parser,
+            # The usage that would be listed otherwise names some eighty options.
+            parser_kwargs={
+                "prog": "kfit",
+                "formatter_class": HelpPage,
+                "exit_on_error": False,
+                **{
+                    name: {
+                        "exit_on_error": False,
+                        "usage": f"kfit {name} -c RECIPE [--OPTION VALUE …]",
+                        "epilog": f"example:\n  {example}",
+                    }
+                    for name, example in COMMANDS.items()
+                },
             },
-        },
-        args=[current_word(word) for word in words],
-    )
+            args=[current_word(word) for word in words],
+        )
+    finally:
+        # Python's end would stop threads of the group inside torch, which aborts now and then.
+        if distributed.is_available() and distributed.is_initialized():
+            distributed.destroy_process_group()
 
 
 def _is_no_advertisement(record: logging.LogRecord) -> bool:

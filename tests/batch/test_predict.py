@@ -91,7 +91,7 @@ def test_a_killed_run_goes_on_and_ends_with_the_results_of_one_that_was_not(plac
 def test_two_processes_tell_a_mistake_once(place, tmp_path):
     process = start(place, tmp_path / "out", "--data.split", "real_train", *TWO)
     errors = process.communicate()[1]
-    assert process.returncode == 2
+    assert process.returncode == 2, errors
     assert errors.count("kfit: root must hold real/train or") == 1
     assert "Traceback" not in errors
 
