@@ -68,7 +68,8 @@ def test_ten_meshes_become_a_model_that_poses_packs_and_calibrates(tmp_path, mon
     places = ["--model", "teapot.safetensors", "--meshes", '["teapots@z,-y"]']
     main(["calibrate", *places, "--views", "14"])
     assert "RGB" in read_card("teapot.safetensors").calibration
-    main(["bench", "accuracy", *places, "--scan-views", "1", "--card"])
+    some = [*places[:3], '["teapots/teapot0.ply@z,-y", "teapots/teapot3.obj@z,-y"]']
+    main(["bench", "accuracy", *some, "--scan-views", "1", "--card"])
     assert "scans, upright views" in read_card("teapot.safetensors").accuracy
     main(["export", "teapot.safetensors", "--out", "onnx"])
     (tmp_path / "frames").mkdir()
