@@ -29,6 +29,14 @@ def test_the_help_says_what_another_host_means(capsys):
     assert "any other than this one lets everybody who can reach this machine use the page" in printed
 
 
+def test_the_process_ends_without_waiting_for_threads_that_compute(monkeypatch):
+    codes = []
+    monkeypatch.setattr("kfit.app.serve.serve", lambda *settings: None)
+    monkeypatch.setattr("os._exit", codes.append)
+    main(["app"])
+    assert codes == [0]
+
+
 @pytest.mark.slow  # imports Gradio
 def test_a_port_that_is_taken_is_reported():
     if find_spec("gradio") is None:
