@@ -115,7 +115,7 @@ class Actions:
         """Take a mask from a file."""
         session = self.sessions.of(token)
         session.take_mask(Path(file))
-        return self._masked(session, _masked_hint(session))
+        return self._masked(session)
 
     def draw(self, token: str, event: gr.EventData) -> Changes:
         """Find the object in a box."""
@@ -124,13 +124,13 @@ class Actions:
             session.draw(tuple(float(part) for part in event.box))  # type: ignore[arg-type]
         except ValueError as error:
             return {**self._masked(session, AGAIN), self.parts.photo_problem: views.problem(str(error))}
-        return self._masked(session, _masked_hint(session))
+        return self._masked(session)
 
     def paint(self, token: str, event: gr.EventData) -> Changes:
         """Correct the mask by a stroke."""
         session = self.sessions.of(token)
         session.paint([(float(x), float(y)) for x, y in event.points], bool(event.keep))
-        return self._masked(session, _masked_hint(session))
+        return self._masked(session)
 
     def change_category(self, token: str, category: str) -> Changes:
         """Note what the visitor takes the object for."""
@@ -213,8 +213,8 @@ class Actions:
             parts.depth_name: "",
         }
 
-    def _masked(self, session: Session, hint: str) -> Changes:
-        layer = gr.update(**_layer(session, hint))
+    def _masked(self, session: Session, hint: str | None = None) -> Changes:
+        layer = gr.update(**_layer(session, hint or _masked_hint(session)))
         return {**self._without_answer(session), self.parts.surface: layer, self.parts.category: session.category}
 
     def _without_answer(self, session: Session) -> Changes:
