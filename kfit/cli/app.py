@@ -6,7 +6,6 @@ Needs the package's extra: pip install 'kfit[app]'.
 from __future__ import annotations
 
 import os
-import sys
 
 from jsonargparse import ArgumentParser, Namespace
 
@@ -46,5 +45,4 @@ def run(args: Namespace) -> None:
 
     serve(args.host, args.port, [args.models] if isinstance(args.models, str) else args.models)
     # Gradio's threads may still compute. Python would stop them inside torch as it ends, which aborts or hangs.
-    sys.stderr.flush()
     os._exit(0)

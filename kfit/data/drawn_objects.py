@@ -29,8 +29,8 @@ class DrawnObjects(Dataset[tuple[np.ndarray, ...] | Exception]):
     """Views of each object, as `kfit.data.build_views` draws and keeps them.
 
     Each is RGB and mask (V, S, S, 4) uint8, depth (V, S, S) relative to the object's centre, elevations and azimuths
-    (V, 2) in degrees, distances (V,) in box diagonals, and extents (3,). The error takes the
-    place of an object whose file cannot be read.
+    (V, 2) in degrees, distances (V,) in box diagonals, and extents (3,). The error takes the place of an object whose
+    file cannot be read.
 
     Args:
         settings: settings of the build.

@@ -7,7 +7,8 @@ import logging
 import os
 import sys
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -171,6 +172,17 @@ def main(args: Sequence[str] | None = None) -> None:
         run(words)
 
 
+@contextmanager
+def _no_group_left() -> Iterator[None]:
+    """End the group of processes, whose threads Python's end would stop inside torch, which aborts now and then."""
+    try:
+        yield
+    finally:
+        if distributed.is_available() and distributed.is_initialized():
+            distributed.destroy_process_group()
+
+
+@_no_group_left()
 def run(words: Sequence[str], callbacks: Sequence[Callback] = ()) -> None:
     """Run Lightning's command line with these arguments, and with callbacks in addition to the recipe's."""
     for before, word in zip(["", *words], words, strict=False):
@@ -189,37 +201,32 @@ def run(words: Sequence[str], callbacks: Sequence[Callback] = ()) -> None:
         for part in ("pytorch", "fabric"):
             logging.getLogger(f"lightning.{part}").setLevel(log.level)
         defaults |= {"enable_progress_bar": False, "enable_model_summary": False}
-    try:
-        _CLI(
-            LightningModule,
-            LightningDataModule,
-            subclass_mode_model=True,
-            subclass_mode_data=True,
-            auto_configure_optimizers=False,
-            seed_everything_default=0,
-            trainer_defaults=defaults or None,
-            save_config_kwargs={"overwrite": True},
-            parser_class=_Parser,
-            # The usage that would be listed otherwise names some eighty options.
-            parser_kwargs={
-                "prog": "kfit",
-                "formatter_class": HelpPage,
-                "exit_on_error": False,
-                **{
-                    name: {
-                        "exit_on_error": False,
-                        "usage": f"kfit {name} -c RECIPE [--OPTION VALUE …]",
-                        "epilog": f"example:\n  {example}",
-                    }
-                    for name, example in COMMANDS.items()
-                },
+    _CLI(
+        LightningModule,
+        LightningDataModule,
+        subclass_mode_model=True,
+        subclass_mode_data=True,
+        auto_configure_optimizers=False,
+        seed_everything_default=0,
+        trainer_defaults=defaults or None,
+        save_config_kwargs={"overwrite": True},
+        parser_class=_Parser,
+        # The usage that would be listed otherwise names some eighty options.
+        parser_kwargs={
+            "prog": "kfit",
+            "formatter_class": HelpPage,
+            "exit_on_error": False,
+            **{
+                name: {
+                    "exit_on_error": False,
+                    "usage": f"kfit {name} -c RECIPE [--OPTION VALUE …]",
+                    "epilog": f"example:\n  {example}",
+                }
+                for name, example in COMMANDS.items()
             },
-            args=[current_word(word) for word in words],
-        )
-    finally:
-        # Python's end would stop threads of the group inside torch, which aborts now and then.
-        if distributed.is_available() and distributed.is_initialized():
-            distributed.destroy_process_group()
+        },
+        args=[current_word(word) for word in words],
+    )
 
 
 def _is_no_advertisement(record: logging.LogRecord) -> bool:
